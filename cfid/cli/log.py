@@ -1,24 +1,19 @@
 """`cfid log encoder`, `cfid log gyro` and `cfid log loadcell`: record one device into a new run."""
 
 from contextlib import ExitStack
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from cfid.console.flat import flat
 from cfid.console.labels import LabelOptions, LoadOptions
 from cfid.console.live import LiveLine
-from cfid.console.messages import note
 from cfid.console.options import positive
 from cfid.console.recording import KeepOptions, Lasting, record, refuse_mixture, rehearse, rig_of
 from cfid.console.vehicle import LinkOptions, reach
 from cfid.lazy import later
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from cfid.rig.ready_vehicle import ReadyVehicle
-
+_CABLE_MS, _RADIO_MS = 1, 10  # between rows of gyro and accelerometer
 
 _JUDGES = {
     "encoder": later("cfid.swing.verdict", "of_no_mount"),
@@ -37,20 +32,18 @@ def encoder(
     keep: KeepOptions,
     port: Annotated[str | None, typer.Option(help="Serial port; default: rig.toml's, else search for it.")] = None,
     rate_hz: Annotated[float | None, typer.Option(help="Polls per second; default: rig.toml's.")] = None,
-    continuous: Annotated[
-        bool, typer.Option("--continuous", help="Let the interface stream instead of polling it.")
-    ] = False,
 ) -> None:
     """Record the encoder until Ctrl-C.
 
     Example: [bold]cfid log encoder --axis x --for 20[/bold]
     """
     from cfid.records.rig_file import EncoderPort, RigFacts
-    from cfid.rig.log import Plan
-    from cfid.rig.ready_sensors import ready_encoder
+    from cfid.rig.run import Plan
+    from cfid.rig.sensors import ready_encoder
     from cfid.swing.during import Release
 
-    campaign, devices, simulated = rig_of(keep.campaign)
+    rig = rig_of(keep.campaign)
+    campaign, devices, simulated = rig.campaign, rig.devices, rig.simulated
     kept = label.label(campaign)
     swings = label.kind_of_angles == "swing"
     setting, counts_per_turn = devices.encoder, campaign.rig.encoder.counts_per_turn
@@ -64,7 +57,7 @@ def encoder(
         runs_folder=campaign.runs_folder,
         kind=label.kind_of_angles,
         label=kept,
-        notice=Release(turn) if swings else None,
+        notice=Release(turn) if swings else (lambda name, columns: ""),
         for_s=lasting.seconds,
         facts=RigFacts(lab_book=campaign.rig.lab_book),
         simulated=simulated,
@@ -74,14 +67,8 @@ def encoder(
         return
     live = LiveLine(quiet=keep.quiet)
     with ExitStack() as held:
-        device = ready_encoder(
-            setting,
-            held,
-            counts_per_turn=counts_per_turn,
-            continuous=continuous,
-            say=live.say,
-        )
-        record("log encoder", plan, [device], live, keep, judge=_JUDGES.get(plan.kind))
+        device = ready_encoder(setting, rig.hardware, held, counts_per_turn=counts_per_turn, say=live.say)
+        record("log encoder", plan, [device], live, keep, hardware=rig.hardware, judge=_JUDGES.get(plan.kind))
 
 
 @flat
@@ -93,7 +80,7 @@ def gyro(
     log_ms: Annotated[
         int | None,
         typer.Option(
-            min=1, max=10, help="Milliseconds between rows; default: 1, or by radio the fewest that the link sustains."
+            min=1, max=10, help="Milliseconds between rows; default: 1, by radio 10, which any link sustains."
         ),
     ] = None,
     keep: KeepOptions,
@@ -102,9 +89,10 @@ def gyro(
 
     Example: [bold]cfid log gyro --axis x --for 20[/bold]
     """
-    from cfid.rig.log import Plan
+    from cfid.rig.run import Plan
 
-    campaign, devices, simulated = rig_of(keep.campaign)
+    rig = rig_of(keep.campaign)
+    campaign, simulated = rig.campaign, rig.simulated
     kind = label.kind_of_angles
     plan = Plan(
         runs_folder=campaign.runs_folder,
@@ -118,24 +106,9 @@ def gyro(
         return
     live = LiveLine(quiet=keep.quiet)
     with ExitStack() as held:
-        ready = reach(vehicle, devices, held, simulated=simulated)
-        period_ms, losses = (log_ms, {}) if log_ms else _period_ms(ready)
-        facts = {"trial_losses": {f"{tried} ms": loss for tried, loss in losses.items()}} if losses else {}
-        device = ready.inertial_log(period_ms, **facts)
-        record("log gyro", plan, [device], live, keep, judge=_JUDGES.get(plan.kind))
-
-
-def _period_ms(ready: "ReadyVehicle") -> "tuple[int, Mapping[int, float]]":
-    """Return the period of the log's rows, and the losses measured to choose it, which only a radio link has."""
-    from cfid.rig.log_rate import PERIODS_MS, fastest_period_ms
-    from cfid.rig.ready_vehicle import INERTIAL
-
-    if not ready.uri.startswith("radio:"):
-        return PERIODS_MS[0], {}
-    period_ms, losses = fastest_period_ms(ready, INERTIAL)
-    tried = ", ".join(f"{100 * loss:.2g} % at {tried} ms" for tried, loss in losses.items())
-    note(f"rows every {period_ms} ms: this radio link lost {tried}.")
-    return period_ms, losses
+        ready = reach(vehicle, rig, held)
+        device = ready.inertial_log(log_ms or (_RADIO_MS if ready.uri.startswith("radio:") else _CABLE_MS))
+        record("log gyro", plan, [device], live, keep, hardware=rig.hardware, judge=_JUDGES.get(plan.kind))
 
 
 @flat
@@ -158,10 +131,11 @@ def loadcell(
 
     Example: [bold]cfid log loadcell --for 30 --note "empty mount"[/bold]
     """
-    from cfid.rig.log import Plan
-    from cfid.rig.ready_sensors import ready_loadcell
+    from cfid.rig.run import Plan
+    from cfid.rig.sensors import ready_loadcell
 
-    campaign, devices, simulated = rig_of(keep.campaign)
+    rig = rig_of(keep.campaign)
+    campaign, devices, simulated = rig.campaign, rig.devices, rig.simulated
     setting = devices.loadcell
     if address is not None:
         refuse_mixture("--address", simulated)
@@ -181,5 +155,5 @@ def loadcell(
         return
     live = LiveLine(quiet=keep.quiet)
     with ExitStack() as held:
-        device = ready_loadcell(setting, held, buffered=not real_time, bias=bias, say=live.say)
-        record("log loadcell", plan, [device], live, keep, judge=_JUDGES["loadcell"])
+        device = ready_loadcell(setting, rig.hardware, held, buffered=not real_time, bias=bias, say=live.say)
+        record("log loadcell", plan, [device], live, keep, hardware=rig.hardware, judge=_JUDGES["loadcell"])

@@ -17,8 +17,8 @@ from cfid.units import FULL_COMMAND, MOTORS
 
 if TYPE_CHECKING:
     from cfid.records.rig_file import CrazyflieLink
-    from cfid.rig.log import Procedure
     from cfid.rig.ready_vehicle import ReadyVehicle
+    from cfid.rig.run import Procedure
     from cfid.wire.app import AppPorts
 
 CampaignFolder = Annotated[Path | None, typer.Option(help="Campaign folder; default: the current folder or a parent.")]
@@ -34,16 +34,16 @@ def console(*, context: typer.Context, vehicle: VehicleOptions, campaign: Campai
         return
     from cfid.rig.console import Console
 
-    _, devices, simulated = rig_of(campaign)
+    rig = rig_of(campaign)
     live = LiveLine()
     with ExitStack() as held:
-        crazyflie = reach(vehicle, devices, held, simulated=simulated)
+        crazyflie = reach(vehicle, rig, held)
         confirm(crazyflie, MOTORS, [crazyflie.limits.largest_command], yes=vehicle.yes)
         _drive(
             crazyflie,
             live,
-            lambda there, loop: Console(
-                there["commands"], crazyflie.limits, loop=loop, tell=live.ask, say=live.tell
+            lambda there, hardware: Console(
+                there["commands"], crazyflie.limits, hardware=hardware, tell=live.ask, say=live.tell
             ).run(),
         )
 
@@ -71,12 +71,16 @@ def set_motors(
     if for_s is not None:
         positive(for_s, "--for")
     chosen = motors_of(motor, MOTORS)
-    _, devices, simulated = rig_of(campaign)
+    rig = rig_of(campaign)
     live = LiveLine()
     with ExitStack() as held:
-        crazyflie = reach(vehicle, devices, held, simulated=simulated)
+        crazyflie = reach(vehicle, rig, held)
         confirm(crazyflie, chosen, [command], yes=vehicle.yes)
-        _drive(crazyflie, live, lambda there, loop: hold(there["commands"], command, chosen, for_s=for_s, loop=loop))
+        _drive(
+            crazyflie,
+            live,
+            lambda there, hardware: hold(there["commands"], command, chosen, for_s=for_s, hardware=hardware),
+        )
 
 
 @flat
@@ -86,11 +90,12 @@ def stop(*, vehicle: LinkOptions, yes: Unasked = False, campaign: CampaignFolder
     Example: [bold]cfid motors stop[/bold]
     """
     from cfid.errors import DeviceError
+    from cfid.rig.hardware import present
     from cfid.rig.lock import vehicles_held
 
     setting = _setting(vehicle.uri, campaign)
     failed: list[DeviceError] = []
-    for uri in [setting.uri] if setting.uri else vehicles_held() or [_found()]:
+    for uri in [setting.uri] if setting.uri else vehicles_held() or [present().find_vehicle()]:
         try:
             _stop(uri, setting)
         except DeviceError as error:
@@ -107,26 +112,28 @@ def recover(*, vehicle: LinkOptions, campaign: CampaignFolder = None) -> None:
 
     Example: [bold]cfid motors recover[/bold]
     """
-    from cfid.rig.recovery import recover_vehicle
+    from cfid.rig.hardware import present
+    from cfid.rig.stop import recover_vehicle
 
     setting = _setting(vehicle.uri, campaign)
-    uri = setting.uri or _found()
-    state = recover_vehicle(uri, _ports(setting), say=note)
+    hardware = present()
+    uri = setting.uri or hardware.find_vehicle()
+    state = recover_vehicle(uri, _ports(setting), hardware, say=note)
     result(f"{uri}: motors stopped; the vehicle {'reports no state' if state is None else f'is {state.name}'}.")
 
 
 def _held_beside(uri: str | None) -> list[str]:
     """Return the vehicles that programs on this computer hold, except the vehicle that the command names."""
-    from cfid.rig.address import resolved
-    from cfid.rig.lock import vehicles_held
+    from cfid.rig.lock import resolved, vehicles_held
 
     return [] if uri is None else [other for other in vehicles_held() if other != resolved(uri)]
 
 
 def _stop(uri: str, setting: "CrazyflieLink") -> None:
-    from cfid.rig.emergency import stop_vehicle
+    from cfid.rig.hardware import present
+    from cfid.rig.stop import stop_vehicle
 
-    stopped = stop_vehicle(uri, _ports(setting), say=note)
+    stopped = stop_vehicle(uri, _ports(setting), present(), say=note)
     result(stopped_line(uri, stopped.after_s))
     if stopped.state is not None and stopped.state.remedy:
         note(f"{uri}: the vehicle is {stopped.state.name}: {stopped.state.remedy}.")
@@ -138,19 +145,13 @@ def _ports(setting: "CrazyflieLink") -> "AppPorts":
     return AppPorts(setting.thrust_port, setting.sine_port, setting.ping_port)
 
 
-def _found() -> str:
-    from cfid.rig.radio import find_vehicle
-
-    return find_vehicle()
-
-
 def _setting(uri: str | None, campaign: Path | None) -> "CrazyflieLink":
     """Return the link to the vehicle, also without a campaign, a valid rig.toml or a current folder."""
     from cfid.errors import ConfigError
     from cfid.records.rig_file import CrazyflieLink
 
     try:
-        found = rig_of(campaign, or_real=True)[1].crazyflie
+        found = rig_of(campaign, or_real=True).devices.crazyflie
     except ConfigError as error:
         which = "" if uri else " The vehicles that another cfid drives are stopped, else the one that is found."
         note(f"{error}{which} The app is looked for on its usual ports.")
@@ -159,14 +160,16 @@ def _setting(uri: str | None, campaign: Path | None) -> "CrazyflieLink":
 
 
 def _drive(vehicle: "ReadyVehicle", live: LiveLine, procedure: "Procedure") -> None:
-    from cfid.rig.log import drive
+    from cfid.rig.run import drive
 
     def stopped(seconds: float) -> None:
         live.end()
         result(stopped_line(vehicle.uri, seconds))
 
     try:
-        drive([vehicle.commands(), *vehicle.watch()], procedure, show=live.show, stopped=stopped)
+        drive(
+            [vehicle.commands(), *vehicle.watch()], procedure, vehicle.vehicle.hardware, show=live.show, stopped=stopped
+        )
     finally:
         live.end()
 

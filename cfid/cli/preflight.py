@@ -1,6 +1,6 @@
 """`cfid rig preflight`: judge a few seconds of real signals before a recording of minutes."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -14,11 +14,10 @@ from cfid.console.vehicle import VehicleOptions
 if TYPE_CHECKING:
     from cfid.console.recording import Rig
     from cfid.estimate.battery_endurance import Held
-    from cfid.records.run import DeviceRecord
     from cfid.rig.check import DeviceAnswer
-    from cfid.rig.device import Device
+    from cfid.rig.instrument import Instrument
     from cfid.rig.ready_vehicle import ReadyVehicle
-    from cfid.rig.sampling import Sampled
+    from cfid.rig.recorder import Sampled
 
 Experiment = Literal["thrust", "sine", "wind", "swing"]
 Answers = dict[str, "list[DeviceAnswer]"]
@@ -79,19 +78,19 @@ def preflight(
             answers.setdefault("signals", []).append(DeviceAnswer("recording", "fault", str(error)))
     else:
         note("no signal was examined: mend the faults above first.")
-    report_answers("rig preflight", answers, simulated=rig[2], json=json)
+    report_answers("rig preflight", answers, simulated=rig.simulated, json=json)
 
 
 def _identified(experiment: Experiment, rig: "Rig") -> Answers:
     """Return what `cfid rig check` finds about the devices of the experiment."""
-    from cfid.cli.rig import encoder_answers, loadcell_answers
-    from cfid.rig.check_crazyflie import check_vehicle
+    from cfid.rig.check import check_encoder, check_loadcell, check_vehicle
 
-    campaign, devices, _ = rig
+    devices, stated, hardware = rig.devices, rig.campaign.rig, rig.hardware
     if experiment == "swing":
-        return {"encoder": encoder_answers(devices, campaign.rig)}
-    vehicle = check_vehicle(devices.crazyflie, campaign.rig.vehicle.platform)
-    return {"loadcell": loadcell_answers(devices), "crazyflie": vehicle}
+        counts_per_turn = stated.encoder.counts_per_turn
+        return {"encoder": check_encoder(devices.encoder, hardware, counts_per_turn=counts_per_turn)}
+    vehicle = check_vehicle(devices.crazyflie, stated.vehicle.platform, hardware)
+    return {"loadcell": check_loadcell(devices.loadcell, hardware), "crazyflie": vehicle}
 
 
 def _look(
@@ -111,35 +110,37 @@ def _look(
     from cfid.console.preflight_lines import sends_lines
     from cfid.console.vehicle import reach
     from cfid.rig.check import DeviceAnswer
-    from cfid.rig.ready_sensors import ready_encoder, ready_loadcell
-    from cfid.rig.sampling import sample
+    from cfid.rig.run import sample
+    from cfid.rig.sensors import ready_encoder, ready_loadcell
 
-    campaign, devices, simulated = rig
+    campaign, devices, hardware = rig.campaign, rig.devices, rig.hardware
     live = LiveLine(quiet=quiet)
     crazyflie: ReadyVehicle | None = None
     if experiment == "swing":
         counts = campaign.rig.encoder.counts_per_turn
-        parts = [ready_encoder(devices.encoder, held, counts_per_turn=counts, continuous=False, say=live.say)]
+        parts: list[Instrument] = [ready_encoder(devices.encoder, hardware, held, counts_per_turn=counts, say=live.say)]
         rate_hz = devices.encoder.rate_hz
     else:
-        loadcell = ready_loadcell(devices.loadcell, held, buffered=True, bias=False, say=live.say, patient=False)
-        crazyflie = reach(vehicle, devices, held, simulated=simulated)
+        loadcell = ready_loadcell(devices.loadcell, hardware, held, say=live.say, patient=False)
+        crazyflie = reach(vehicle, rig, held)
         parts, rate_hz = [loadcell, crazyflie.usual_log()], devices.loadcell.rate_hz + _VEHICLE_ROWS_HZ
     plan = _plan(experiment)
     live.task("looking at the signals")
     try:
-        sampled = sample(parts, for_s=seconds, tare_s=TARE_S, show=live.show)
+        sampled = sample(parts, hardware, for_s=seconds, tare_s=TARE_S, show=live.show)
     finally:
         live.end()
     mass_kg = campaign.rig.vehicle.mass_kg
-    for name, own in judged(_records(parts), sampled, plan, mass_kg=mass_kg, calm=experiment != "wind").items():
+    for name, own in judged(
+        {part.name: part.record for part in parts}, sampled, plan, mass_kg=mass_kg, calm=experiment != "wind"
+    ).items():
         answers[name] += own
     answers["disk"] = [_disk(sum(part.seconds for part in plan), campaign.runs_folder, rate_hz)]
     if crazyflie is not None and balance and sends_lines(parts[0].record):
         text = "not measured: it takes a load cell that samples at 3.5 kHz or more"
         answers["rotors"] = [DeviceAnswer("balance", "ok", text)]
     elif crazyflie is not None and balance:
-        answers["rotors"] = _balances(crazyflie, parts[0], sampled["crazyflie"], vehicle, live)
+        answers["rotors"] = _balances(crazyflie, loadcell.again(), sampled["crazyflie"], vehicle, live)
 
 
 def _plan(experiment: Experiment) -> "list[Held]":
@@ -160,10 +161,6 @@ def _plan(experiment: Experiment) -> "list[Held]":
     return thrust_staircase(StaircaseOptions()).held
 
 
-def _records(devices: "Sequence[Device]") -> "dict[str, DeviceRecord]":
-    return {device.record.file.removesuffix(".csv"): device.record for device in devices}
-
-
 def _disk(seconds: float, runs_folder: Path, rate_hz: float) -> "DeviceAnswer":
     from cfid.console.messages import clock
     from cfid.console.recording import space_of
@@ -178,7 +175,7 @@ def _disk(seconds: float, runs_folder: Path, rate_hz: float) -> "DeviceAnswer":
 
 
 def _balances(
-    crazyflie: "ReadyVehicle", loadcell: "Device", at_rest: "Sampled", vehicle: VehicleOptions, live: Any
+    crazyflie: "ReadyVehicle", loadcell: "Instrument", at_rest: "Sampled", vehicle: VehicleOptions, live: Any
 ) -> "list[DeviceAnswer]":
     """Turn each motor at a low command after the operator confirms it, and judge its propeller.
 
@@ -192,7 +189,7 @@ def _balances(
     from cfid.motors.plan import StaircasePlan
     from cfid.motors.staircase.record import run_staircase
     from cfid.rig.check import DeviceAnswer
-    from cfid.rig.sampling import sample
+    from cfid.rig.run import sample
     from cfid.units import MOTORS
 
     idles = bool(crazyflie.limits.idle_thrust)
@@ -207,14 +204,15 @@ def _balances(
     except ConfigError as error:
         return [DeviceAnswer("balance", "warning", f"not measured: {error}")]
 
-    async def turn(there: Any, loop: Any) -> None:
+    async def turn(there: Any, hardware: Any) -> None:
         for plan in plans:
-            await run_staircase(plan, there["commands"], loop=loop, tell=live.task)
+            await run_staircase(plan, there["commands"], hardware=hardware, tell=live.task)
 
     stopped_s: list[float] = []
     try:
         sampled = sample(
             [crazyflie.commands(), loadcell, *crazyflie.watch()],
+            crazyflie.vehicle.hardware,
             for_s=lasts_s,
             tare_s=_REST_S,
             procedure=turn,
@@ -233,7 +231,7 @@ def _balances(
         return [DeviceAnswer("balance", "warning", f"not measured: {error}")]
 
 
-def _judged_balances(sampled: "Mapping[str, Sampled]", loadcell: "Device") -> "list[DeviceAnswer]":
+def _judged_balances(sampled: "Mapping[str, Sampled]", loadcell: "Instrument") -> "list[DeviceAnswer]":
     import numpy as np
 
     from cfid.console.preflight import AXES

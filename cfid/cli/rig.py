@@ -15,12 +15,11 @@ from cfid.console.options import positive
 
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
-    from cfid.records.rig_file import Devices
-    from cfid.records.rig_file import Rig as RigFile
     from cfid.rig.check import DeviceAnswer
     from cfid.rig.loop import Ending, Loop
+    from cfid.sim.devices import SimulatedRig
     from cfid.sim.propulsion import OnMotors
-    from cfid.sim.service import SimulatedRig
+    from cfid.sim.service import ServedRig
 
 _ANSWERS_AT = 35  # the column in which answers of `cfid rig check` begin
 
@@ -39,41 +38,18 @@ def check(
     Example: [bold]cfid rig check[/bold]
     """
     from cfid.console.recording import rig_of
-    from cfid.records.rig_file import LineDevice
-    from cfid.rig.check_crazyflie import check_vehicle
-    from cfid.rig.check_lines import check_lines
+    from cfid.rig.check import check_encoder, check_lines, check_loadcell, check_vehicle
 
-    found, devices, simulated = rig_of(campaign, or_real=True)
+    rig = rig_of(campaign, or_real=True)
+    devices, stated, hardware = rig.devices, rig.campaign.rig, rig.hardware
     hand_held = {"tachometer": devices.tachometer, "scales": devices.scales}
     findings = {
-        "encoder": encoder_answers(devices, found.rig),
-        "loadcell": loadcell_answers(devices),
-        **{name: check_lines(name, one) for name, one in hand_held.items() if isinstance(one, LineDevice)},
-        "crazyflie": check_vehicle(devices.crazyflie, found.rig.vehicle.platform),
+        "encoder": check_encoder(devices.encoder, hardware, counts_per_turn=stated.encoder.counts_per_turn),
+        "loadcell": check_loadcell(devices.loadcell, hardware),
+        **{name: check_lines(name, sender, hardware) for name, sender in hand_held.items() if sender is not None},
+        "crazyflie": check_vehicle(devices.crazyflie, stated.vehicle.platform, hardware),
     }
-    report_answers("rig check", findings, simulated=simulated, json=json)
-
-
-def encoder_answers(devices: "Devices", rig: "RigFile") -> "list[DeviceAnswer]":
-    """Return the answers of the encoder, whatever its kind."""
-    from cfid.records.rig_file import LineDevice
-    from cfid.rig.check import check_encoder
-    from cfid.rig.check_lines import check_lines
-
-    if isinstance(devices.encoder, LineDevice):
-        return check_lines("encoder", devices.encoder)
-    return check_encoder(devices.encoder, counts_per_turn=rig.encoder.counts_per_turn)
-
-
-def loadcell_answers(devices: "Devices") -> "list[DeviceAnswer]":
-    """Return the answers of the load cell, whatever its kind."""
-    from cfid.records.rig_file import LineDevice
-    from cfid.rig.check import check_loadcell
-    from cfid.rig.check_lines import check_lines
-
-    if isinstance(devices.loadcell, LineDevice):
-        return check_lines("loadcell", devices.loadcell)
-    return check_loadcell(devices.loadcell)
+    report_answers("rig check", findings, simulated=rig.simulated, json=json)
 
 
 def report_answers(
@@ -147,6 +123,7 @@ def sim(
     from cfid.console.campaign import here
     from cfid.rig.loop import run_until_done
     from cfid.sim.motor_trace import trace_motors
+    from cfid.sim.service import ServedRig
 
     if for_s is not None:
         positive(for_s, "--for")
@@ -157,25 +134,22 @@ def sim(
             TemporaryDirectory(prefix="cfid-sim-") as folder,
             trace_motors(options.trace, begin_s=loop.seconds()) as on_motors,
         ):
-            rig = _simulated(found, loop, Path(folder), options, on_motors)
+            rig = ServedRig(_simulated(found, loop, options, on_motors), reactor=loop, folder=Path(folder))
             await _serve(found, rig, ending, for_s=for_s, seed=options.seed)
 
     run_until_done(main)
 
 
-def _simulated(
-    campaign: "Campaign", loop: "Loop", folder: Path, options: SimOptions, on_motors: "OnMotors"
-) -> "SimulatedRig":
+def _simulated(campaign: "Campaign", loop: "Loop", options: SimOptions, on_motors: "OnMotors") -> "SimulatedRig":
+    from cfid.sim.devices import SimulatedRig
     from cfid.sim.faults import parse_faults
-    from cfid.sim.service import SimulatedRig
     from cfid.sim.truth_file import load_truth, usual_truth
 
     platform = options.platform
     encoder_faults, loadcell_faults, crazyflie_faults = parse_faults(options.fault or ())
     return SimulatedRig(
         campaign.rig,
-        reactor=loop,
-        folder=folder,
+        seconds=loop.seconds,
         seed=options.seed,
         truth=load_truth(options.truth, platform=platform) if options.truth else usual_truth(platform or "cf2"),
         encoder_faults=encoder_faults,
@@ -188,9 +162,7 @@ def _simulated(
     )
 
 
-async def _serve(
-    campaign: "Campaign", rig: "SimulatedRig", ending: "Ending", *, for_s: float | None, seed: int
-) -> None:
+async def _serve(campaign: "Campaign", rig: "ServedRig", ending: "Ending", *, for_s: float | None, seed: int) -> None:
     from cfid.rig.sim_file import published
     from cfid.sim.service import devices_at
 

@@ -14,8 +14,8 @@ from cfid.estimate.held_readings import rows_a_reading
 from cfid.estimate.signal_quality import SignalQuality, signal_quality
 from cfid.records.run import DeviceRecord
 from cfid.rig.check import DeviceAnswer, State
-from cfid.rig.log_block import BATTERY
-from cfid.rig.sampling import Sampled
+from cfid.rig.recorder import Sampled
+from cfid.rig.vehicle import BATTERY
 from cfid.wire.rls import RLS_13BIT_IN_22, STEPS_PER_TURN, decode_words
 
 Array = npt.NDArray[np.float64]

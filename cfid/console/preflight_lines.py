@@ -11,7 +11,7 @@ from cfid.estimate.battery_endurance import Held
 from cfid.records.rig_file import EncoderLines, LineDevice, LineValue, LoadCellLines
 from cfid.records.run import DeviceRecord
 from cfid.rig.check import DeviceAnswer, State
-from cfid.rig.sampling import Sampled
+from cfid.rig.recorder import Sampled
 from cfid.units import FULL_COMMAND, MOTORS, USUAL_GRAVITY_MPS2
 
 Array = npt.NDArray[np.float64]

@@ -4,7 +4,7 @@ import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -23,15 +23,24 @@ if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
     from cfid.records.rig_file import Devices
     from cfid.records.run import Run
-    from cfid.rig.device import Device
-    from cfid.rig.log import Plan
+    from cfid.rig.hardware import Hardware
+    from cfid.rig.instrument import Instrument
+    from cfid.rig.run import Plan
 
 OUTPUT = "Output"
 
 _BYTES_A_ROW = 75  # a row of a load cell, the longest
 
-Rig = tuple["Campaign", "Devices", bool]  # a campaign, its devices, and whether they are simulated
 Found = Callable[["Run"], tuple[Mapping[str, Any], Sequence[str]]]  # parameters as in --json, and lines to print
+
+
+class Rig(NamedTuple):
+    """A campaign, the addresses of its devices, whether they are simulated, and what opens them."""
+
+    campaign: "Campaign"
+    devices: "Devices"
+    simulated: bool
+    hardware: "Hardware"
 
 
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Print what would be done and how long it would take.")]
@@ -91,10 +100,11 @@ def rig_of(folder: Path | None, *, or_real: bool = False) -> Rig:
     Raises ConfigError where the simulated rig was killed, so that a command meant for it starts no real motor. With
     `or_real`, the devices are then those of rig.toml, and a note is printed.
     """
-    from cfid.rig.sim_file import SIM_FILE, devices_in, is_left_behind
+    from cfid.rig.hardware import present
+    from cfid.rig.sim_file import SIM_FILE, is_left_behind
 
-    campaign = here(folder)
-    devices, simulated = devices_in(campaign.folder, campaign.rig)
+    campaign, hardware = here(folder), present()
+    devices, simulated = hardware.devices(campaign.folder, campaign.rig)
     if simulated:
         note(f"the rig is simulated: {campaign.folder / SIM_FILE} points at it.")
     elif is_left_behind(campaign.folder):
@@ -102,7 +112,7 @@ def rig_of(folder: Path | None, *, or_real: bool = False) -> Rig:
         if not or_real:
             raise ConfigError(f"{gone}. Start `cfid rig sim` here, or delete this file for the devices of rig.toml.")
         note(f"{gone}: the devices are the real ones of rig.toml.")
-    return campaign, devices, simulated
+    return Rig(campaign, devices, simulated, hardware)
 
 
 def refuse_mixture(option: str, simulated: bool) -> None:
@@ -149,10 +159,11 @@ def nothing_found(_: "Run") -> tuple[Mapping[str, Any], Sequence[str]]:
 def record(
     command: str,
     plan: "Plan",
-    devices: "Sequence[Device]",
+    instruments: "Sequence[Instrument]",
     live: LiveLine,
     options: KeepOptions,
     *,
+    hardware: "Hardware",
     judge: Judge | None,
     found: Found = nothing_found,
 ) -> None:
@@ -161,7 +172,7 @@ def record(
     `judge` returns what a complete run is good for; it is None where no fit uses the run. `found` evaluates a run that
     did not fail.
     """
-    run, failure = attempt(plan, devices, live)
+    run, failure = attempt(plan, instruments, hardware, live)
     if run is not None:
         run = judged(run, judge)
         parameters, lines = found(run) if failure is None else ({}, ())
@@ -174,10 +185,12 @@ def record(
         raise failure
 
 
-def attempt(plan: "Plan", devices: "Sequence[Device]", live: LiveLine) -> "tuple[Run | None, CfidError | None]":
+def attempt(
+    plan: "Plan", instruments: "Sequence[Instrument]", hardware: "Hardware", live: LiveLine
+) -> "tuple[Run | None, CfidError | None]":
     """Record a run; return the run, or None where run.toml does not state how it ended, and the error that ended it."""
     from cfid.records.files import RUN_FILE
-    from cfid.rig.log import record_run
+    from cfid.rig.run import record_run
 
     folders: list[Path] = []
     stops_s: list[float] = []
@@ -187,7 +200,10 @@ def attempt(plan: "Plan", devices: "Sequence[Device]", live: LiveLine) -> "tuple
         live.tell(f"recording into {folder} ({_until(plan)})")
 
     try:
-        return record_run(plan, devices, show=live.show, begun=begun, say=live.say, stopped=stops_s.append), None
+        recorded = record_run(
+            plan, instruments, hardware, show=live.show, begun=begun, say=live.say, stopped=stops_s.append
+        )
+        return recorded, None
     except CfidError as error:
         run = _closed(folders[0]) if folders else None
         if run is None and stops_s:

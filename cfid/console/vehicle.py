@@ -9,11 +9,10 @@ import typer
 
 from cfid.console.lists import comma_list
 from cfid.console.messages import ask, note
-from cfid.console.recording import refuse_mixture
+from cfid.console.recording import Rig, refuse_mixture
 from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
-    from cfid.records.rig_file import CrazyflieLink, Devices
     from cfid.rig.ready_vehicle import ReadyVehicle
 
 VEHICLE = "Vehicle"
@@ -86,20 +85,15 @@ LogMs = Annotated[
 ]
 
 
-def reach(options: LinkOptions, devices: "Devices", held: ExitStack, *, simulated: bool) -> "ReadyVehicle":
-    """Connect to the chosen vehicle and note its address and firmware. Raises DeviceError."""
-    setting = devices.crazyflie
-    if options.uri is not None:
-        refuse_mixture("--uri", simulated)
-        setting = setting.model_copy(update={"uri": options.uri})
-    return reach_at(setting, held)
-
-
-def reach_at(setting: "CrazyflieLink", held: ExitStack) -> "ReadyVehicle":
-    """Connect to a vehicle and note what the operator should know about it. Raises DeviceError."""
+def reach(options: LinkOptions, rig: Rig, held: ExitStack) -> "ReadyVehicle":
+    """Connect to the chosen vehicle and note what the operator should know about it. Raises DeviceError."""
     from cfid.rig.ready_vehicle import connect_vehicle
 
-    vehicle = connect_vehicle(setting, held)
+    setting = rig.devices.crazyflie
+    if options.uri is not None:
+        refuse_mixture("--uri", rig.simulated)
+        setting = setting.model_copy(update={"uri": options.uri})
+    vehicle = connect_vehicle(setting, rig.hardware, held)
     note(f"connected to {vehicle.uri}, which runs {_FIRMWARE[vehicle.firmware.kind]}.")
     if vehicle.firmware.kind != "app":
         note("if the link is lost, nothing stops the motors of this firmware: keep the battery within reach.")

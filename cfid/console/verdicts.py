@@ -8,7 +8,7 @@ from cfid.console.messages import note
 from cfid.errors import CfidError, ConfigError, DataError
 
 if TYPE_CHECKING:
-    from cfid.records.run import DeviceRecord, Run
+    from cfid.records.run import Run
 
 _LARGEST_BYTES = 400_000_000  # of a run: 13 minutes of a load cell at 7 kHz, read in half a minute within 1.5 GB
 _FEW_LOST = 0.01  # of a device's samples
@@ -55,27 +55,18 @@ def _with_verdict(run: "Run", text: str, *, usable: bool) -> "Run":
 
 def _losses(run: "Run") -> str:
     """Return a sentence for each device that lost more than 1 % of its samples, or skipped more than 10 %."""
-    from cfid.rig.stalls import STOOD
-
     sentences = []
     for name, record in run.header.devices.items():
         lost, skipped = record.lost or 0, record.skipped or 0
         taken = lost + (record.rows or 0)
-        if lost > _FEW_LOST * taken:
-            text = f"{lost} of {taken} samples of {name} are lost: see to its cable, and to other programs."
-            sentences.append(f" {text}")
-        stood_s = _missed_s(record, reason=STOOD)
-        if stood_s * (record.rate_hz or 0) > skipped / 2:
-            sentences.append(f" {STOOD} for {stood_s:.1f} s: {name} has no rows of them.")
+        stood_s = sum(gap.get("stood_s", 0.0) for gap in (record.model_extra or {}).get("gaps", ()))
+        if stood_s * (record.rate_hz or 0) > (lost + skipped) / 2:
+            sentences.append(f" cfid itself stood still for {stood_s:.1f} s: {name} has no rows of them.")
+        elif lost > _FEW_LOST * taken:
+            sentences.append(f" {lost} of {taken} samples of {name} are lost: see to its cable, and to other programs.")
         elif skipped > _MANY_SKIPPED * (taken + skipped):
             sentences.append(f" {name} was read at {record.achieved}: end other programs.")
     return "".join(sentences)
-
-
-def _missed_s(record: "DeviceRecord", *, reason: str) -> float:
-    """Return for how many seconds a device has no rows because of `reason`, according to its gaps."""
-    gaps = (record.model_extra or {}).get("gaps", ())
-    return float(sum(one["to_s"] - one["from_s"] for one in gaps if one["reason"].startswith(reason)))
 
 
 def verdict_line(run: "Run") -> str:

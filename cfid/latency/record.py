@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from contextlib import ExitStack
-from typing import Any
 
 from cfid.console.live import LiveLine
 from cfid.console.recording import Found, KeepOptions, Rig, record
@@ -10,9 +9,9 @@ from cfid.console.vehicle import LinkOptions, reach
 from cfid.console.verdicts import Judge
 from cfid.records.rig_file import RigFacts
 from cfid.records.run import Label
-from cfid.rig.log import Plan
+from cfid.rig.hardware import Hardware
 from cfid.rig.pings import Pings
-from cfid.rig.recorder import sleep
+from cfid.rig.run import Plan
 
 
 def record_pings(
@@ -27,29 +26,31 @@ def record_pings(
     found: Found,
 ) -> None:
     """Record `count` round trips, one begun every `every_s` seconds. Raises DeviceError."""
-    campaign, devices, simulated = rig
+    campaign = rig.campaign
     live = LiveLine(quiet=keep.quiet)
     with ExitStack() as held:
-        crazyflie = reach(vehicle, devices, held, simulated=simulated)
+        crazyflie = reach(vehicle, rig, held)
         plan = Plan(
             runs_folder=campaign.runs_folder,
             kind="ping",
             label=Label(note=note),
-            procedure=lambda there, loop: ping_often(
-                there["pings"], count=count, every_s=every_s, loop=loop, tell=live.task
+            procedure=lambda there, hardware: ping_often(
+                there["pings"], count=count, every_s=every_s, hardware=hardware, tell=live.task
             ),
             lasts_s=count * every_s,
             facts=RigFacts(lab_book=campaign.rig.lab_book),
             requested={"count": count, "interval_s": every_s},
-            simulated=simulated,
+            simulated=rig.simulated,
         )
-        record("log ping", plan, [crazyflie.pings()], live, keep, judge=judge, found=found)
+        record("log ping", plan, [crazyflie.pings()], live, keep, hardware=rig.hardware, judge=judge, found=found)
 
 
-async def ping_often(pings: Pings, *, count: int, every_s: float, loop: Any, tell: Callable[[str], None]) -> None:
+async def ping_often(
+    pings: Pings, *, count: int, every_s: float, hardware: Hardware, tell: Callable[[str], None]
+) -> None:
     """Send pings on a grid of times, one after another (C.2.6)."""
-    began_s = loop.seconds()
+    began_s = hardware.seconds()
     for number in range(count):
         tell(f"ping {number + 1} of {count}")
         await pings.ping()
-        await sleep(loop, max(began_s + (number + 1) * every_s - loop.seconds(), 0.0))
+        await hardware.sleep(max(began_s + (number + 1) * every_s - hardware.seconds(), 0.0))

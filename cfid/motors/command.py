@@ -111,7 +111,7 @@ def thrust(
 
     rig = rig_of(keep.campaign)
     wanted = thrust_staircase(options, motor)
-    wanted = _left("thrust", wanted, resume, rig[0])
+    wanted = _left("thrust", wanted, resume, rig.campaign)
     if options.dry_run:
         announce(wanted)
     else:
@@ -158,11 +158,11 @@ def speed(
     from cfid.motors.record import record_speed
 
     rig = rig_of(keep.campaign)
-    tachometer = tachometer or _tachometer_of(resume, rig[0])
+    tachometer = tachometer or _tachometer_of(resume, rig.campaign)
     if port is not None and tachometer != "ut372":
         raise ConfigError(f"--port is the UT372's, and --tachometer is {tachometer}.")
     wanted = options.staircase(motors_of(motor, (1,)), step=_SPEED_STEP, hold_s=_SPEED_HOLD_S, rest_s=_SPEED_REST_S)
-    wanted = _left("speed", wanted, resume, rig[0])
+    wanted = _left("speed", wanted, resume, rig.campaign)
     if options.dry_run:
         announce(wanted)
     else:
@@ -218,8 +218,8 @@ def scales(
         motors_of(motor, (1, 3)), step=_SCALES_STEP, hold_s=_SCALES_HOLD_S, rest_s=_SCALES_REST_S
     )
     rig = rig_of(keep.campaign)
-    wanted = _left("scales", wanted, resume, rig[0])
-    known = _scales_of(resume, rig[0])
+    wanted = _left("scales", wanted, resume, rig.campaign)
+    known = _scales_of(resume, rig.campaign)
     if options.dry_run:
         announce(wanted)
     else:

@@ -17,12 +17,12 @@ from cfid.motors.plan import LONGEST_WAIT_S, WAIT_S, StaircasePlan
 from cfid.motors.staircase.record import procedure_of
 from cfid.motors.typed import Expected, expected_of
 from cfid.records.run import Label
-from cfid.rig.device import Device
-from cfid.rig.log import Plan, Procedure
-from cfid.rig.ready_instruments import ready_instrument, ready_scales, ready_tachometer, typed_readings
-from cfid.rig.ready_sensors import ready_loadcell
+from cfid.rig.instrument import Instrument, Say
+from cfid.rig.readings import Readings
 from cfid.rig.ready_vehicle import ReadyVehicle
-from cfid.rig.recorder import Say
+from cfid.rig.run import Plan, Procedure
+from cfid.rig.sensors import ready_loadcell
+from cfid.rig.text_lines import HandHeld, Scales, Ut372, find_ut372, ready_lines
 
 _ROWS_A_SECOND = 200  # of the vehicle's log and the instruments together
 
@@ -49,32 +49,37 @@ def record_forces(
     `wait` is how long a command is held for its answer, None for the usual time. A staircase in wind is not `calm`, and
     its noise has no limit. `requested` goes into run.toml with the staircase. Raises ConfigError or DeviceError.
     """
-    _, devices, simulated = rig
     staircase = _waiting(staircase, wait, question)
-    cell = devices.loadcell.sampled_at(rate_hz)
+    cell = rig.devices.loadcell.sampled_at(rate_hz)
     live = LiveLine(quiet=keep.quiet)
     with ExitStack() as held:
-        loadcell = ready_loadcell(cell, held, buffered=True, bias=False, say=live.say, patient=False)
-        crazyflie = reach(vehicle, devices, held, simulated=simulated)
+        loadcell = ready_loadcell(cell, rig.hardware, held, say=live.say, patient=False)
+        crazyflie = reach(vehicle, rig, held)
         crazyflie.limits.refuse_idling(staircase.motors)
         effort = _effort(staircase, rig, rate_hz=cell.rate_hz + 1000 / log_ms)
+
+        def looked_at() -> list[Instrument]:
+            return [loadcell.again(), crazyflie.usual_log(log_ms)]
+
         refuse(crazyflie, staircase.motors, staircase.steps)
-        looked_at = [loadcell, crazyflie.usual_log(log_ms)]
         effort += NOT_READ if vehicle.no_preflight else _quick(looked_at, staircase, rig, calm=calm)
         confirm(crazyflie, staircase.motors, staircase.steps, yes=vehicle.yes, effort=effort, ring=live.ring)
-        parts = [crazyflie.commands(), loadcell, *crazyflie.watch(log_ms)]
+        parts: list[Instrument] = [crazyflie.commands(), loadcell, *crazyflie.watch(log_ms)]
         if question is not None:
-            parts.append(typed_readings("rpm"))
+            parts.append(Readings("rpm"))
         procedure = procedure_of(staircase, question, live, _expected(staircase, rig, "rpm"), tare=True)
         plan = _plan(kind, staircase, rig, note=note, procedure=procedure, requested=requested or {})
         counts_per_n = (loadcell.record.model_extra or {}).get("counts_per_n")  # None for a cell that sends lines
-        notice = Steps(counts_per_n) if calm and counts_per_n else None
-        plan = replace(plan, notice=notice, asks=question is not None, tare_s=staircase.rest_s)
-        record(f"log {kind}", plan, parts, live, keep, judge=judge, found=found)
+        plan = replace(plan, asks=question is not None, tare_s=staircase.rest_s)
+        if calm and counts_per_n:
+            plan = replace(plan, notice=Steps(counts_per_n))
+        record(f"log {kind}", plan, parts, live, keep, hardware=rig.hardware, judge=judge, found=found)
 
 
-def _quick(devices: Sequence[Device], staircase: StaircasePlan, rig: Rig, *, calm: bool = True) -> str:
-    return quick(devices, staircase.held, mass_kg=rig[0].rig.vehicle.mass_kg, calm=calm)
+def _quick(
+    devices: Callable[[], Sequence[Instrument]], staircase: StaircasePlan, rig: Rig, *, calm: bool = True
+) -> str:
+    return quick(devices, staircase.held, rig.hardware, mass_kg=rig.campaign.rig.vehicle.mass_kg, calm=calm)
 
 
 def record_speed(
@@ -95,14 +100,14 @@ def record_speed(
     Raises ConfigError or DeviceError.
     """
 
-    def instrument(crazyflie: ReadyVehicle, held: ExitStack, say: Say) -> list[Device]:
+    def instrument(crazyflie: ReadyVehicle, held: ExitStack, say: Say) -> list[Instrument]:
         if tachometer == "ut372":
-            return [crazyflie.usual_log(log_ms), ready_tachometer(port)]
+            return [crazyflie.usual_log(log_ms), HandHeld(port or find_ut372(rig.hardware), Ut372())]
         if tachometer == "lines":
-            sender = rig[1].tachometer
+            sender = rig.devices.tachometer
             if sender is None:
                 raise ConfigError("`tachometer` lines: rig.toml has no table [devices.tachometer] that names it.")
-            return [crazyflie.usual_log(log_ms), ready_instrument("tachometer", sender, held, say=say)]
+            return [crazyflie.usual_log(log_ms), ready_lines("tachometer", sender, rig.hardware, held, say=say)]
         if tachometer == "typed":
             return [crazyflie.usual_log(log_ms)]
         return [crazyflie.speed_log(log_ms, deck=tachometer == "deck")]
@@ -142,13 +147,13 @@ def record_scales(
     Without a port, the scales that rig.toml names are used if they send lines. Raises ConfigError or DeviceError.
     """
 
-    sender = rig[1].scales if port is None else None
+    sender = rig.devices.scales if port is None else None
 
-    def instrument(crazyflie: ReadyVehicle, held: ExitStack, say: Say) -> list[Device]:
+    def instrument(crazyflie: ReadyVehicle, held: ExitStack, say: Say) -> list[Instrument]:
         log = crazyflie.usual_log(log_ms)
         if sender is not None:
-            return [log, ready_instrument("scales", sender, held, say=say)]
-        return [log] if port is None else [log, ready_scales(port, baud=baud)]
+            return [log, ready_lines("scales", sender, rig.hardware, held, say=say)]
+        return [log] if port is None else [log, HandHeld(port, Scales(baud))]
 
     question = "grams at command {command}" if port is None and sender is None else None
     _record_readings(
@@ -169,12 +174,12 @@ def record_scales(
 
 def _counting(rig: Rig) -> Rig:
     """Return the rig with the markers of its tachometer that sends lines in place of those of a hand-held one."""
-    campaign, devices, simulated = rig
-    if devices.tachometer is None:
+    sender, stated = rig.devices.tachometer, rig.campaign.rig
+    if sender is None:
         return rig
-    tachometer = campaign.rig.tachometer.model_copy(update={"markers": devices.tachometer.markers})
-    stated = campaign.rig.model_copy(update={"tachometer": tachometer})
-    return campaign.model_copy(update={"rig": stated}), devices, simulated
+    tachometer = stated.tachometer.model_copy(update={"markers": sender.markers})
+    stated = stated.model_copy(update={"tachometer": tachometer})
+    return rig._replace(campaign=rig.campaign.model_copy(update={"rig": stated}))
 
 
 def _record_readings(
@@ -182,7 +187,7 @@ def _record_readings(
     staircase: StaircasePlan,
     rig: Rig,
     *,
-    instrument: Callable[[ReadyVehicle, ExitStack, Say], list[Device]],
+    instrument: Callable[[ReadyVehicle, ExitStack, Say], list[Instrument]],
     value: str,
     question: str | None,
     wait: float | None,
@@ -193,21 +198,24 @@ def _record_readings(
     judge: Judge,
 ) -> None:
     """Record an instrument that is logged automatically or, with a question, one that the operator reads."""
-    _, devices, simulated = rig
     staircase = _waiting(staircase, wait, question)
     live = LiveLine(quiet=keep.quiet)
     with ExitStack() as held:
-        crazyflie = reach(vehicle, devices, held, simulated=simulated)
-        parts = [crazyflie.commands(), *instrument(crazyflie, held, live.say), crazyflie.supervisor_log()]
+        crazyflie = reach(vehicle, rig, held)
+        parts: list[Instrument] = [
+            crazyflie.commands(),
+            *instrument(crazyflie, held, live.say),
+            crazyflie.supervisor_log(),
+        ]
         if question is not None:
-            parts.append(typed_readings(value))
+            parts.append(Readings(value))
         effort = _effort(staircase, rig, rate_hz=_ROWS_A_SECOND)
         refuse(crazyflie, staircase.motors, staircase.steps)
-        effort += NOT_READ if vehicle.no_preflight else _quick([crazyflie.usual_log()], staircase, rig)
+        effort += NOT_READ if vehicle.no_preflight else _quick(lambda: [crazyflie.usual_log()], staircase, rig)
         confirm(crazyflie, staircase.motors, staircase.steps, yes=vehicle.yes, effort=effort, ring=live.ring)
         procedure = procedure_of(staircase, question, live, _expected(staircase, rig, value), tare=False)
         plan = _plan(kind, staircase, rig, note=note, procedure=procedure, requested=requested)
-        record(f"log {kind}", plan, parts, live, keep, judge=judge)
+        record(f"log {kind}", plan, parts, live, keep, hardware=rig.hardware, judge=judge)
 
 
 def _waiting(staircase: StaircasePlan, wait: float | None, question: str | None) -> StaircasePlan:
@@ -220,7 +228,7 @@ def _waiting(staircase: StaircasePlan, wait: float | None, question: str | None)
 
 
 def _effort(staircase: StaircasePlan, rig: Rig, *, rate_hz: float) -> str:
-    return effort_of(staircase.duration_s, rig[0].runs_folder, rate_hz=rate_hz)
+    return effort_of(staircase.duration_s, rig.campaign.runs_folder, rate_hz=rate_hz)
 
 
 def _plan(
@@ -232,20 +240,19 @@ def _plan(
     procedure: Procedure,
     requested: Mapping[str, Any],
 ) -> Plan:
-    campaign, _, simulated = rig
     return Plan(
-        runs_folder=campaign.runs_folder,
+        runs_folder=rig.campaign.runs_folder,
         kind=kind,
         label=Label(note=note),
         procedure=procedure,
         lasts_s=staircase.duration_s if staircase.wait_s is None else None,  # nobody knows how long typing takes
-        facts=campaign.rig.facts,
+        facts=rig.campaign.rig.facts,
         requested={**staircase.to_run(), **requested},
-        simulated=simulated,
+        simulated=rig.simulated,
     )
 
 
 def _expected(staircase: StaircasePlan, rig: Rig, column: str) -> Expected | None:
-    stated = rig[0].rig
+    stated = rig.campaign.rig
     markers, platform = stated.facts.tachometer.markers, stated.vehicle.platform
     return expected_of(column, motors=len(staircase.motors), markers=markers, platform=platform)

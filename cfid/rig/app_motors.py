@@ -6,10 +6,9 @@ from collections.abc import Awaitable, Callable, Mapping
 from twisted.internet.base import DelayedCall
 
 from cfid.errors import DeviceError, StopError
-from cfid.rig.motor_log import confirm_still
-from cfid.rig.motors import MAY_BE_RUNNING, STILL, STOPPED, Firmware, Four, Limits
-from cfid.rig.power_set import PowerSet, is_overridden
-from cfid.rig.recorder import sleep
+from cfid.rig.motor_log import PowerSet, confirm_still, is_overridden
+from cfid.rig.motors import STILL, STOPPED, Firmware, Four, Limits
+from cfid.rig.stop import MAY_BE_RUNNING
 from cfid.rig.supervisor import Supervisor
 from cfid.rig.vehicle import Vehicle
 from cfid.units import MOTORS
@@ -56,12 +55,12 @@ class AppMotors:
         self._fault = ""
         self._taken_back: tuple[AppState, float] | None = None  # the first state with other commands, and its arrival
         self._next: DelayedCall | None = None
-        vehicle.listen(self._ports.ping, PingChannel.ALIVE, self._take_state)
 
     def start(self) -> None:
         """Begin to send keep-alives."""
-        self._vehicle.stalls.begin()
-        self._answered_s = self._vehicle.loop.seconds()
+        self._vehicle.begin()
+        self._vehicle.listen(self._ports.ping, PingChannel.ALIVE, self._take_state)
+        self._answered_s = self._vehicle.hardware.awake_s()
         self._keep_alive()
 
     async def set(self, commands: Four) -> float:
@@ -80,7 +79,7 @@ class AppMotors:
         ]
         self._commands, self._settled_at = commands, self._number
         self._vehicle.expected = (commands, commands)
-        return sent_s[0] if sent_s else float(self._vehicle.loop.seconds())
+        return sent_s[0] if sent_s else float(self._vehicle.hardware.seconds())
 
     async def be_ready(self, request: app.SineRequest) -> None:
         """Wait until the app takes keep-alives, the previous sine has reported completion, and motors may run."""
@@ -116,9 +115,9 @@ class AppMotors:
             # The supervisor's state, which gives the reason, may come a moment later.
             seen = self._supervisor.state
             is_settled = self._supervisor.seen_s > taken_s and seen is not None and not seen.is_passing
-            if is_settled or self._vehicle.loop.seconds() - taken_s > _WHY_S:
+            if is_settled or self._vehicle.hardware.seconds() - taken_s > _WHY_S:
                 raise DeviceError(f"{self._vehicle.uri}: the vehicle stopped its motors: {self._why(state)}.")
-        unanswered_s = self._vehicle.silent_s(self._answered_s)
+        unanswered_s = self._vehicle.hardware.awake_s() - self._answered_s
         if self._next is not None and unanswered_s > _UNANSWERED_S:
             raise DeviceError(
                 f"{self._vehicle.uri}: the app answered no keep-alive for {unanswered_s:.1f} s; it stops the motors "
@@ -133,7 +132,8 @@ class AppMotors:
         runs for any other reason.
         """
         self._stopped = True
-        began_s = self._vehicle.loop.seconds()
+        self._vehicle.ignore(self._ports.ping, PingChannel.ALIVE, self._take_state)
+        began_s = self._vehicle.hardware.seconds()
         if self._next is not None and self._next.active():
             self._next.cancel()
         self._next = self._commands = self._vehicle.expected = None
@@ -159,7 +159,7 @@ class AppMotors:
         await self._end_overriding()
         await self._end_idling()
         await confirm_still(self._vehicle)
-        return float(self._vehicle.loop.seconds() - began_s)
+        return float(self._vehicle.hardware.seconds() - began_s)
 
     async def _end_overriding(self) -> None:
         try:
@@ -205,10 +205,10 @@ class AppMotors:
 
         The supervisor disarms a vehicle whose motors have been off for some seconds; a brushed one is soon ready again.
         """
-        end_s = self._vehicle.loop.seconds() + _ALLOWED_S
+        end_s = self._vehicle.hardware.seconds() + _ALLOWED_S
         while True:
             self._refuse_when_stopped()
-            began_s: float = self._vehicle.loop.seconds()
+            began_s: float = self._vehicle.hardware.seconds()
             verdict = await attempt()
             if verdict != AppVerdict.MOTORS_NOT_ALLOWED or began_s > end_s:
                 break
@@ -224,31 +224,31 @@ class AppMotors:
         if self._supervisor.reports:
             await self._supervisor.make_ready()
         else:
-            await sleep(self._vehicle.loop, _AGAIN_S)
+            await self._vehicle.hardware.sleep(_AGAIN_S)
         self._refuse_when_stopped()
 
     async def _let_sine_end(self) -> None:
         """Wait until the previous sine has reported completion, a second after its motors stopped."""
-        end_s = self._vehicle.loop.seconds() + _SINE_ENDS_S
+        end_s = self._vehicle.hardware.seconds() + _SINE_ENDS_S
         while Flags.SINE_RUNNING in (await self._state()).flags:
-            if self._vehicle.loop.seconds() > end_s:
+            if self._vehicle.hardware.seconds() > end_s:
                 raise DeviceError(f"{self._vehicle.uri}: another sine is playing: `cfid motors stop` ends it.")
-            await sleep(self._vehicle.loop, _AGAIN_S)
+            await self._vehicle.hardware.sleep(_AGAIN_S)
 
     async def _own_motors(self) -> None:
         """Wait until the app has once accepted a keep-alive of this program: before that it refuses every command."""
-        end_s = self._vehicle.loop.seconds() + _OTHERS_S
+        end_s = self._vehicle.hardware.seconds() + _OTHERS_S
         while not self._owns_motors:
             if Flags.NOT_OWNER not in (await self._state()).flags:
                 self._owns_motors = True
-            elif self._vehicle.loop.seconds() > end_s:
+            elif self._vehicle.hardware.seconds() > end_s:
                 self._kept_out = True
                 raise DeviceError(
                     f"{self._vehicle.uri}: another program drives the motors of this vehicle: end it. "
                     "`cfid motors stop` stops its motors."
                 )
             else:
-                await sleep(self._vehicle.loop, _AGAIN_S)
+                await self._vehicle.hardware.sleep(_AGAIN_S)
 
     async def _state(self) -> AppState:
         self._refuse_when_stopped()
@@ -266,7 +266,7 @@ class AppMotors:
         return state
 
     def _keep_alive(self) -> None:
-        self._next = self._vehicle.loop.callLater(_EVERY_S, self._keep_alive)
+        self._next = self._vehicle.hardware.later(_EVERY_S, self._keep_alive)
         self._number += 1
         try:
             self._vehicle.send(self._ports.ping, PingChannel.ALIVE, app.encode_alive(self._number, self._owner))
@@ -281,7 +281,7 @@ class AppMotors:
         state = app.decode_state(payload)
         if state is None or not self._first < state.number <= self._number:
             return
-        self._answered_s = arrived_s
+        self._answered_s = self._vehicle.hardware.awake_s()
         was_playing, self.playing = self.playing, Flags.SINE_RUNNING in state.flags
         if self._stopped or not self._owns_motors:
             return
@@ -295,8 +295,6 @@ class AppMotors:
     def _why(self, taken_back: AppState) -> str:
         """Return why the app dropped the commands, from the state that the supervisor has reported since."""
         seen = self._supervisor.state
-        if (stalled := self._vehicle.stalls.recent) and not (seen and seen.remedy):
-            return f"it received no keep-alive, since {stalled}"
         if Flags.MOTORS_ALLOWED in taken_back.flags and (seen is None or seen.can_fly):
             return "it received no keep-alive for a while, or its supervisor did not let motors run for a moment"
         if seen is None or seen.can_fly:

@@ -2,15 +2,15 @@
 
 from collections import deque
 from dataclasses import dataclass
-from typing import Any
 
 from twisted.internet.defer import CancelledError, Deferred
 
 from cfid.errors import ConfigError
+from cfid.rig.hardware import Hardware
+from cfid.rig.instrument import Say
 from cfid.rig.keyboard import DOWN, ESCAPE, UP, Keyboard, edited
 from cfid.rig.motor_commands import MotorCommands
 from cfid.rig.motors import STILL, Four, Limits
-from cfid.rig.recorder import Say
 from cfid.units import MOTORS
 
 HELP = (
@@ -79,10 +79,10 @@ def nudged(before: Order, key: str, limits: Limits) -> Order:
 class Console:
     """Executes what the keyboard orders. A stop overtakes every order that is still waiting."""
 
-    def __init__(self, commands: MotorCommands, limits: Limits, *, loop: Any, tell: Say, say: Say) -> None:
+    def __init__(self, commands: MotorCommands, limits: Limits, *, hardware: Hardware, tell: Say, say: Say) -> None:
         """Take motors that are off; `tell` shows their commands and the typed text, `say` prints a message."""
         self._commands, self._limits, self._tell, self._say = commands, limits, tell, say
-        self._keyboard = Keyboard(self._take, loop=loop, keys=True)
+        self._keyboard = Keyboard(self._take, hardware=hardware, keys=True)
         self._waiting: deque[str | None] = deque()  # lines, arrows and stops; None for the end of the input
         self._woken: Deferred[None] = Deferred()
         self._doing: Deferred[None] | None = None

@@ -1,279 +1,433 @@
-"""Records the encoder: polls its interface or takes its continuous output, and finds it after its plug was pulled."""
+"""Records an encoder behind an E201 interface: finds and questions it, polls it on a grid, and finds it again."""
 
+import math
 from collections.abc import Callable, Mapping
-from typing import Any, Protocol
+from contextlib import ExitStack
+from typing import Any, NamedTuple
 
 import numpy as np
-from twisted.internet.threads import deferToThreadPool
-from twisted.python.failure import Failure
+import numpy.typing as npt
+from twisted.internet.base import DelayedCall
+from twisted.internet.defer import CancelledError, Deferred
 
 from cfid.errors import DeviceError
-from cfid.rig.clock import HostClock
-from cfid.rig.e201_polls import Polls
-from cfid.rig.e201_port import SLOWEST_REPLY_S, FoundPort
-from cfid.rig.e201_stamps import Stamps
-from cfid.rig.recorder import Block, Say, no_rows, sleep
-from cfid.rig.stalls import STOOD, Stalls
+from cfid.records.rig_file import EncoderPort
+from cfid.records.run import DeviceRecord
+from cfid.rig.hardware import Hardware, SerialPort
+from cfid.rig.instrument import Block, Instrument, Say, Silence
+from cfid.rig.lock import PortLock, holder_of
+from cfid.rig.shown import degrees
 from cfid.wire import e201
-from cfid.wire.rls import RLS_13BIT_IN_22, decode_words
+from cfid.wire.rls import RLS_13BIT_IN_22, WORD_BITS, decode_words
 
-_QUIET_S = 0.02  # without a position, after which the continuous output counts as off
+SLOWEST_REPLY_S = 0.05  # to a poll; one or two milliseconds are usual
+BAUD = 115200  # meaningless on USB
+
+_LATEST_S = 0.01  # largest delay of a poll by a busy computer, or by the system's queue before a port
+_NAME_S = 0.05  # without a name, after which it is requested again
+_SETTLE_S = 0.005  # after the name, in case it has a second line
 _LOOK_S = 0.005
-_STOPS = 3
 _ABSENT_S = 3.0
-_PAUSE_S = 0.25  # without a position, which is a gap
-_PERIODS = 3  # of a slow rate: a shorter silence is neither absence nor gap
 _SEARCH_S = 0.5
 _FORMAT_SAMPLES = 50  # after which the words have another format if most fail their check
 
-
-class SerialLine(Protocol):
-    """An open serial port."""
-
-    def write(self, data: bytes) -> None:
-        """Send."""
-
-    def close(self) -> None:
-        """Close it; nothing is received afterwards."""
+_ANSWER_S, _DRAIN_S, _LONGEST_DRAIN_S = 0.5, 0.02, 0.3
+_LONGEST_INTERVIEW_S = 4.0  # of all ports
+_TRIES = 3
+_WRAP = 1 << e201.STAMP_BITS
 
 
-class Receiver(Protocol):
-    """Takes the data of an open port."""
+class FoundPort(NamedTuple):
+    """An encoder interface: its port, version, serial number, word width, positions, and whether those have stamps."""
+
+    port: str
+    version: str
+    serial_number: str
+    word_bits: int
+    positions: tuple[int, ...]
+    stamped: bool
+
+
+def ports_to_ask(hardware: Hardware, port: str) -> list[str]:
+    """Return the port itself or, where none is named, those whose device names itself an E201."""
+    return [port] if port else [info.path for info in hardware.serial_ports() if e201.PRODUCT in info.product]
+
+
+async def find_encoder(
+    hardware: Hardware, port: str, *, counts_per_turn: float | str, serial_number: str = "", configure: bool = True
+) -> FoundPort:
+    """Find the encoder on a port, or on any port when `port` is empty; set the word's width that the counts imply.
+
+    A `serial_number` restricts the search to that encoder; without `configure` nothing is set. Raises DeviceError
+    with the answers of all candidates, after five seconds at most.
+    """
+    ports = ports_to_ask(hardware, port)
+    if not ports:
+        raise DeviceError(
+            "no encoder interface is plugged in: no serial port has the name E201. Plug it in, or set its port: "
+            "devices.encoder.port in rig.toml, or `port`."
+        )
+    bits = word_bits(counts_per_turn) if configure else None
+    end_s, reasons = hardware.seconds() + _LONGEST_INTERVIEW_S, []
+    for candidate in ports:
+        try:
+            found = await _identity(hardware, candidate, bits, end_s=end_s)
+        except DeviceError as error:
+            reasons.append(str(error))
+            continue
+        if serial_number in ("", found.serial_number):
+            return found
+        reasons.append(f"{candidate}: this is the encoder {found.serial_number}, not {serial_number}.")
+    raise DeviceError(" ".join(reasons))
+
+
+def word_bits(counts_per_turn: float | str) -> int | None:
+    """Return the word width in bits that a number of counts per turn implies, or None when it implies none."""
+    if counts_per_turn == RLS_13BIT_IN_22:
+        return WORD_BITS
+    counts = int(float(counts_per_turn))
+    bits = counts.bit_length() - 1
+    fits = counts == float(counts_per_turn) and counts.bit_count() == 1 and 1 <= bits <= e201.WIDEST_WORD
+    return bits if fits else None
+
+
+async def _identity(hardware: Hardware, port: str, expected_bits: int | None, *, end_s: float) -> FoundPort:
+    if holder := holder_of(port):
+        raise DeviceError(f"{port} is held by {holder}. End that first.")
+    interview = _Interview(hardware, port, end_s=end_s)
+    try:
+        version = await interview.version()
+        bits = await interview.width(expected_bits) or e201.WIDEST_WORD
+        command, reading = await interview.position(bits)
+        timed = [await interview.timed(command) for _ in range(_TRIES)]
+        reply_s = min(seconds for seconds, _ in timed)
+        if reply_s > SLOWEST_REPLY_S:
+            raise DeviceError(
+                f"{port}: replies after {1e3 * reply_s:.0f} ms (limit {1e3 * SLOWEST_REPLY_S:.0f} ms), too late to "
+                "time a position: plug it directly into this computer."
+            )
+        return FoundPort(
+            port=port,
+            version=_text(version),
+            serial_number=_text(await interview.ask(e201.SERIAL_NUMBER)),
+            word_bits=bits,
+            positions=(reading.position, *(again.position for _, reply in timed for again in _readings(reply, bits))),
+            stamped=reading.stamp_us is not None,
+        )
+    finally:
+        interview.close()
+
+
+class _Interview:
+    """Questions to the device on a port, one at a time, each with a time limit.
+
+    Raises DeviceError for a device that is not an E201, or cannot be questioned.
+    """
+
+    def __init__(self, hardware: Hardware, port: str, *, end_s: float) -> None:
+        self._hardware, self._port, self._end_s = hardware, port, end_s
+        self._received = b""
+        self._line: SerialPort = hardware.serial(port, self, baud=BAUD)
 
     def received(self, data: bytes) -> None:
-        """Take received bytes."""
+        self._received += data
 
     def disconnected(self) -> None:
-        """Note that the port is gone."""
+        """Note nothing: no answer will come."""
+
+    def close(self) -> None:
+        self._line.close()
+
+    async def version(self) -> bytes:
+        """Return the device's version text; first switch off a continuous output that another program left on."""
+        self._line.write(e201.STOP_CONTINUOUS)
+        version = await self.ask(e201.VERSION)
+        if not e201.names_e201(version):
+            answer = f"answers '{_text(version)}'" if version else "gives no answer"
+            raise DeviceError(f"{self._port}: {answer} where an E201 encoder interface sends its name: another device.")
+        return version
+
+    async def width(self, expected: int | None) -> int | None:
+        """Return the word's width in bits, first set to `expected` if given; None when the device does not state it."""
+        found = e201.word_width(await self.ask(e201.WORD_WIDTH))
+        if expected in (None, found):
+            return found
+        await self._send(e201.set_word_width(expected))
+        found = e201.word_width(await self.ask(e201.WORD_WIDTH))
+        if found != expected:
+            raise DeviceError(
+                f"{self._port}: the word width was set to {expected} bits, but reads {found or 'nothing'}: check "
+                "encoder.counts_per_turn in rig.toml."
+            )
+        return found
+
+    async def position(self, bits: int) -> tuple[bytes, e201.EncoderReading]:
+        """Return a position, and the command that it answers: with stamps where the device sends them."""
+        for command in (e201.STAMPED_POSITION, e201.POSITION):
+            if readings := _readings(await self.ask(command), bits):
+                return command, readings[0]
+        raise DeviceError(
+            f"{self._port}: an E201, but it reports no position: is the encoder plugged into it, and powered?"
+        )
+
+    async def timed(self, command: bytes) -> tuple[float, bytes]:
+        """Return how long the reply to one poll takes, and the reply."""
+        await self._send(command)
+        begin_s = self._hardware.seconds()
+        reply = await self._reply()
+        return self._hardware.seconds() - begin_s, reply
+
+    async def ask(self, question: bytes) -> bytes:
+        """Return the reply to a question, without its end; anything received before is dropped."""
+        await self._send(question)
+        return await self._reply()
+
+    async def _send(self, command: bytes) -> None:
+        """Send a command once the device is silent."""
+        if self._hardware.seconds() > self._end_s:
+            raise DeviceError(
+                f"{self._port}: not checked, the other ports took too long: set devices.encoder.port in rig.toml."
+            )
+        end_s = self._hardware.seconds() + _LONGEST_DRAIN_S
+        while True:
+            self._received = b""
+            await self._hardware.sleep(_DRAIN_S)
+            if not self._received:
+                break
+            if self._hardware.seconds() > end_s:
+                raise DeviceError(f"{self._port}: sends unprompted, even after the command to stop: not an E201.")
+        self._line.write(command)
+
+    async def _reply(self) -> bytes:
+        end_s = self._hardware.seconds() + _ANSWER_S
+        while b"\r" not in self._received and self._hardware.seconds() < end_s:
+            await self._hardware.sleep(_LOOK_S)
+        return self._received.partition(b"\r")[0].strip()
 
 
-OpenLine = Callable[[str, Receiver], SerialLine]
-Find = Callable[[], FoundPort]
+def _readings(reply: bytes, bits: int) -> list[e201.EncoderReading]:
+    return list(e201.PositionReader(word_bits=bits).feed(reply + b"\r"))
 
 
-class Encoder:
-    """An E201 that is polled at a rate, or that sends continuously.
+def _text(reply: bytes) -> str:
+    return "".join(letter if letter.isprintable() else "?" for letter in reply.decode("ascii", "replace"))[:60]
 
-    `open_line` opens a port, `find` looks for the interface again after its plug was pulled.
+
+def ready_encoder(
+    setting: EncoderPort, hardware: Hardware, held: ExitStack, *, counts_per_turn: float | str, say: Say
+) -> "Encoder":
+    """Find and lock the encoder. Raises DeviceError."""
+    found = hardware.run(lambda _: find_encoder(hardware, setting.port, counts_per_turn=counts_per_turn))
+    lock = held.enter_context(PortLock(found.port))
+    return Encoder(found, setting, lock, counts_per_turn=counts_per_turn, say=say)
+
+
+class Encoder(Instrument):
+    """An E201 that is polled at a rate: one poll after the other, since an answer does not identify its poll.
+
+    Answers come in the order of the questions. So after a poll without an answer, or with a doubtful one, the device's
+    name is requested, and what comes before it is dropped. A grid point that is more than ten milliseconds, and a whole
+    period, in the past is skipped; a poll that is less late is made up for.
     """
 
     name = "encoder"
 
     def __init__(
-        self,
-        found: FoundPort,
-        *,
-        open_line: OpenLine,
-        find: Find,
-        counts_per_turn: float | str,
-        rate_hz: float,
-        continuous: bool,
-        loop: Any,
-        clock: HostClock,
-        say: Say,
+        self, found: FoundPort, setting: EncoderPort, lock: PortLock, *, counts_per_turn: float | str, say: Say
     ) -> None:
-        """Take the interface that was found, and how to sample it."""
-        self._found, self._open_line, self._find = found, open_line, find
-        self._checked = counts_per_turn == RLS_13BIT_IN_22
-        self._period_s = 1 / rate_hz
-        self._loop, self._clock, self._say = loop, clock, say
-        self._stamps = Stamps() if found.stamped and not continuous else None
-        stamped = None if continuous else found.stamped
-        self._reader = e201.PositionReader(word_bits=found.word_bits, stamped=stamped)
-        self._polls = None if continuous else self._new_polls()
-        self._line: SerialLine | None = None
-        self._times: list[float] = []
+        """Take the interface that was found and locked, and how to sample it."""
+        self._found, self._port_setting, self._lock, self._say = found, setting.port, lock, say
+        self._counts_per_turn, self._period_s = counts_per_turn, 1 / setting.rate_hz
+        self._is_checked = counts_per_turn == RLS_13BIT_IN_22
+        self.record = DeviceRecord.model_validate(
+            {
+                "file": "encoder.csv",
+                "columns": ("t", "phi", "device_us") if found.stamped else ("t", "phi"),
+                "counts_per_turn": counts_per_turn,
+                "asked": "polled",
+                "rate_hz": setting.rate_hz,
+                "interface": found._asdict(),
+            }
+        )
+        self.reading = degrees(counts_per_turn)
+        self._command = e201.STAMPED_POSITION if found.stamped else e201.POSITION
+        self._reader = e201.PositionReader(word_bits=found.word_bits, stamped=found.stamped)
+        self._port: SerialPort | None = None
+        self._timer: DelayedCall | None = None  # the next poll, or the end of the wait for an answer
+        self._searching: Deferred[None] | None = None
+        self._polled_s: float | None = None  # when the poll was sent that waits for its answer
+        self._place = 0  # of that poll, or the last one, on the grid
+        self._polls = self._answered = self._skipped = self._passed = self._late = self._unsolicited = 0
+        self._times_s: list[float] = []
         self._readings: list[e201.EncoderReading] = []
-        self._received_s = 0.0
-        self._unanswered = self._skipped = 0  # the polls' counts when the last position arrived
-        self._stalls = Stalls(loop)
-        self._silent_places = 0  # grid points without a poll since the encoder was silent: lost, not skipped
+        self._last_us: int | None = None
+        self._taken = self._failed_check = self._counted = 0
         self._gone_s: float | None = None
-        self._gaps: list[dict[str, float | str]] = []
-        self._missing = self._late = self._failed_check = self._taken = self._counted = 0
-        self._stopped = self._started = False
+        self._is_resyncing = self._stopped = False
 
-    @property
-    def columns(self) -> tuple[str, ...]:
-        """Time and counts, and the device's own stamps, unwrapped, if it sends any."""
-        return ("t", "phi") if self._stamps is None else ("t", "phi", "device_us")
-
-    def start(self) -> None:
-        """Open the port and begin to sample."""
-        self._received_s = self._loop.seconds()
-        self._started = True
-        self._attach()
+    def start(self, hardware: Hardware) -> None:
+        """Open the port and begin to poll."""
+        self._hardware = hardware
+        self._silence = Silence(hardware, period_s=self._period_s)
+        self._port = hardware.serial(self._found.port, self, baud=BAUD)
+        self._begun_s = hardware.seconds()
+        self._poll()
 
     def received(self, data: bytes) -> None:
         """Take the bytes that the port received."""
-        self._stalls.note()
-        if self._polls is None:
-            readings = self._reader.feed(data)
-        else:
-            reading = self._polls.received(data)
-            readings = [] if reading is None else [reading]
-        if readings:
-            self._keep(readings, self._loop.seconds())
+        rejected, names = self._reader.rejected, self._reader.names
+        readings = self._reader.feed(data)
+        is_clean = self._reader.rejected == rejected
+        if self._is_resyncing:
+            self._late += len(readings)
+            if self._reader.names > names:
+                self._wait(_SETTLE_S, self._poll_next)
+        elif self._polled_s is not None and len(readings) == 1 and is_clean and self._is_prompt(self._polled_s):
+            self._keep(readings[0])
+        elif readings or not is_clean:
+            self._unsolicited += len(readings)
+            self._resync()
 
     def disconnected(self) -> None:
         """Note that the plug was pulled, and look for the interface until it is back."""
-        self._line = None
+        self._port = None
         if self._stopped or self._gone_s is not None:
             return
-        if self._polls is not None:
-            self._polls.end()
-        self._gone_s = self._loop.seconds()
+        self._cancel()
+        self._polled_s = None
+        self._gone_s = self._hardware.seconds()
         self._say(f"{self._found.port}: unplugged; waiting for the encoder {self._found.serial_number} to come back")
-        self._search()
+        self._searching = Deferred.fromCoroutine(self._search())
+        self._searching.addErrback(lambda failure: failure.trap(CancelledError))
 
     def take(self) -> Block:
         """Return the new rows. Raises DeviceError when a plugged-in encoder is silent."""
-        self._stalls.note()
         if not self._readings:
-            self._watch()
-            return Block(no_rows(len(self.columns)), self._newly_lost())
-        times, readings = np.array(self._times), self._readings
-        self._times, self._readings = [], []
+            self._check_silence()
+            return self.no_rows(self._newly_lost())
+        times_s, readings = np.array(self._times_s), self._readings
+        self._times_s, self._readings = [], []
         phi = np.array([reading.position for reading in readings], dtype=np.int64)
-        columns = [self._clock.unix_s(times), phi]
-        kept = np.ones(len(phi), dtype=np.bool_)
-        if self._stamps is not None:
-            stamps_us = self._stamps.unwrapped([reading.stamp_us or 0 for reading in readings])
-            kept = ~self._stamps.late(stamps_us, times)
-            columns.append(stamps_us)
-        self._late += int(np.sum(~kept))
+        columns: list[npt.NDArray[Any]] = [self._hardware.clock.unix_s(times_s), phi]
+        if self._found.stamped:
+            columns.append(self._unwrapped([reading.stamp_us or 0 for reading in readings]))
+        valid = decode_words(phi).valid if self._is_checked else np.ones(len(phi), dtype=np.bool_)
         self._taken += len(phi)
-        if self._checked:
-            valid = decode_words(phi).valid
-            self._failed_check += int(np.sum(kept & ~valid))
-            kept &= valid
-        return Block([column[kept] for column in columns], self._newly_lost(), self._wrong_format())
+        self._failed_check += int(np.sum(~valid))
+        return Block([column[valid] for column in columns], self._newly_lost(), self._wrong_format())
 
     async def stop(self) -> None:
-        """End the polling, or the continuous output and make sure that it ended; take what is on its way."""
+        """End the polling, and take the answer that is on its way. Raises DeviceError when the encoder is gone."""
         self._stopped = True
-        if self._polls is not None:
-            await self._last_answer(self._polls)
-        elif self._line is not None:
-            await self._quieten(self._line)
-        now_s = self._loop.seconds()
-        if self._started and now_s - self._received_s > self._longest(_PAUSE_S):
-            self._note_gap(now_s, "silent at the end" if self._gone_s is None else "unplugged")
+        if self._searching is not None:
+            self._searching.cancel()
+        end_s = self._hardware.seconds() + SLOWEST_REPLY_S
+        while self._polled_s is not None and self._port is not None and self._hardware.seconds() < end_s:
+            await self._hardware.sleep(_LOOK_S)
+        self._cancel()
+        self._silence.end("silent at the end" if self._gone_s is None else "unplugged")
         if self._gone_s is not None:
+            self._advance(answered=False)
             raise DeviceError(
-                f"{self._found.port}: unplugged {now_s - self._gone_s:.0f} s before the end, and not plugged in again."
+                f"{self._found.port}: unplugged {self._hardware.seconds() - self._gone_s:.0f} s before the end, and "
+                "not plugged in again."
             )
 
     def close(self) -> None:
         """Close the port."""
         self._stopped = True
-        if self._polls is not None:
-            self._polls.end()
-        if self._line is not None:
-            line, self._line = self._line, None
-            line.close()
+        if self._port is not None:
+            port, self._port = self._port, None
+            port.close()
 
     def facts(self) -> Mapping[str, Any]:
         """Return the numbers of polls and of skipped ones, losses by kind, and gaps."""
-        polls = self._polls
         losses = {
-            "missing_in_gaps": self._missing,
+            "polls_without_position": self._polls - self._answered,
+            "missing_in_gaps": self._passed,
             "garbled_replies": self._reader.rejected,
             "device_errors": self._reader.errors,
             "failed_check": self._failed_check,
+            "late_replies": self._late,
+            "unasked": self._unsolicited,
         }
-        if polls is None:
-            return {"losses": losses, "gaps": self._gaps}
-        losses |= {
-            "polls_without_position": polls.sent - polls.answered,
-            "late_replies": polls.late + self._late,
-            "unasked": polls.unasked,
-        }
-        skipped = polls.skipped - self._silent_places
-        taken = {"polls": polls.sent, "skipped": skipped, "rate_hz": 1 / self._period_s}
-        return {**taken, "losses": losses, "gaps": self._gaps}
+        taken = {"polls": self._polls, "skipped": self._skipped, "rate_hz": 1 / self._period_s}
+        return {**taken, "losses": losses, "gaps": self._silence.gaps}
 
-    def _new_polls(self) -> Polls:
-        command = e201.POSITION if self._stamps is None else e201.STAMPED_POSITION
-        return Polls(self._reader, command=command, period_s=self._period_s, send=self._send, loop=self._loop)
+    def _poll(self) -> None:
+        assert self._port is not None
+        self._polls += 1
+        self._polled_s = self._hardware.seconds()
+        self._port.write(self._command)
+        self._wait(SLOWEST_REPLY_S, self._resync)
 
-    def _attach(self) -> None:
-        self._line = self._open_line(self._found.port, self)
-        self._reader.forget()
-        if self._polls is None:
-            self._send(e201.CONTINUOUS)
-        else:
-            self._polls.begin()
+    def _is_prompt(self, polled_s: float) -> bool:
+        return self._hardware.seconds() - polled_s < SLOWEST_REPLY_S
 
-    def _send(self, command: bytes) -> None:
-        if self._line is not None:
-            self._line.write(command)
+    def _resync(self) -> None:
+        """Give up the poll that waits, and request the device's name until it comes: no older answer can follow it."""
+        self._polled_s, self._is_resyncing = None, True
+        if self._port is not None and not self._stopped:
+            self._port.write(e201.VERSION)
+            self._wait(_NAME_S, self._resync)
 
-    async def _last_answer(self, polls: Polls) -> None:
-        polls.end()
-        end_s = self._loop.seconds() + SLOWEST_REPLY_S
-        while polls.waiting and self._line is not None and self._loop.seconds() < end_s:
-            await sleep(self._loop, _LOOK_S)
+    def _keep(self, reading: e201.EncoderReading) -> None:
+        """Keep an answer, and poll at the next grid point."""
+        self._polled_s = None
+        self._answered += 1
+        self._times_s.append(self._hardware.seconds())
+        self._readings.append(reading)
+        self._silence.end("no position came")
+        self._poll_next(answered=True)
 
-    async def _quieten(self, line: SerialLine) -> None:
-        """Ask the interface to stop sending until it is quiet; report one that goes on."""
-        for _ in range(_STOPS):
-            line.write(e201.STOP_CONTINUOUS)
-            await sleep(self._loop, _QUIET_S)
-            came = len(self._readings)
-            await sleep(self._loop, _QUIET_S)
-            if len(self._readings) == came:
-                return
-        self._say(f"{self._found.port} keeps sending after {_STOPS} requests to stop: unplug it and plug it in again.")
+    def _poll_next(self, *, answered: bool = False) -> None:
+        """Poll at the next grid point, at once if its time has come."""
+        self._is_resyncing = False
+        self._advance(answered=answered)
+        wait_s = self._begun_s + self._place * self._period_s - self._hardware.seconds()
+        if wait_s > 0:
+            self._wait(wait_s, self._poll)
+        elif not self._stopped:
+            self._poll()
 
-    def _keep(self, readings: list[e201.EncoderReading], now_s: float) -> None:
-        self._times += [now_s] * len(readings)
-        self._readings += readings
-        if now_s - self._received_s > self._longest(_PAUSE_S):
-            self._note_gap(now_s, "no position came")
-        self._note_position(now_s)
+    def _advance(self, *, answered: bool) -> None:
+        """Go to the next grid point that is not too old; those between are skipped, after a poll in vain lost."""
+        late_s = self._hardware.seconds() - self._begun_s - max(self._period_s, _LATEST_S)
+        place = max(self._place + 1, math.ceil(late_s / self._period_s))
+        missed = place - self._place - 1
+        self._skipped += missed if answered else 0
+        self._passed += 0 if answered else missed
+        self._place = place
 
-    def _note_position(self, now_s: float) -> None:
-        self._received_s = now_s
-        if self._polls is not None:
-            self._unanswered, self._skipped = self._polls.unanswered, self._polls.skipped
+    def _wait(self, seconds: float, act: Callable[[], None]) -> None:
+        """Act after a time, in place of what was to come, unless the polling has ended."""
+        self._cancel()
+        if not self._stopped and self._port is not None:
+            self._timer = self._hardware.later(seconds, act)
 
-    def _note_gap(self, end_s: float, reason: str) -> None:
-        """Note a span without positions: samples implied by the rate are lost, or skipped if this program stood still.
+    def _cancel(self) -> None:
+        if self._timer is not None and self._timer.active():
+            self._timer.cancel()
 
-        Each sample counts only once, as the one or the other.
-        """
-        stood = self._stalls.since(self._received_s) > (end_s - self._received_s) / 2
-        begin_s, to_s = self._clock.unix_s(np.array([self._received_s, end_s])).tolist()
-        self._gaps.append({"from_s": begin_s, "to_s": to_s, "reason": STOOD if stood else reason})
-        if self._polls is None:
-            return
-        expected = round((end_s - self._received_s) / self._period_s) - 1
-        skipped = self._polls.skipped - self._skipped
-        counted = skipped if stood else 0
-        self._silent_places += skipped - counted
-        self._missing += max(expected - counted - (self._polls.unanswered - self._unanswered), 0)
+    def _unwrapped(self, stamps_us: list[int]) -> npt.NDArray[np.int64]:
+        """Unwrap 32-bit stamps (n,); no answer is late by half of their range."""
+        begin_us = stamps_us[0] if self._last_us is None else self._last_us
+        steps = (np.diff(stamps_us, prepend=begin_us % _WRAP) + _WRAP // 2) % _WRAP - _WRAP // 2
+        continued = begin_us + np.cumsum(steps)
+        self._last_us = int(continued[-1])
+        return np.asarray(continued)
 
-    def _longest(self, usual_s: float) -> float:
-        """Return how long a silence may be at this rate before it is significant."""
-        return max(usual_s, _PERIODS * self._period_s)
-
-    def _watch(self) -> None:
-        silent_s = self._loop.seconds() - self._received_s - self._stalls.since(self._received_s)
-        if self._gone_s is None and not self._stopped and silent_s > self._longest(_ABSENT_S):
-            polled = "" if self._polls is None else ", though polled"
-            if self._polls is not None and self._polls.late:
-                polled += f" (its answers take longer than {1e3 * SLOWEST_REPLY_S:.0f} ms)"
+    def _check_silence(self) -> None:
+        if self._gone_s is None and not self._stopped and self._silence.exceeds(_ABSENT_S):
+            late = f" (its answers take longer than {1e3 * SLOWEST_REPLY_S:.0f} ms)" if self._late else ""
             raise DeviceError(
-                f"{self._found.port}: the encoder's interface sent no position for {silent_s:.0f} s{polled}: "
-                "unplug it and plug it in again; `cfid rig check` looks for the cause."
+                f"{self._found.port}: the encoder's interface sent no position for {self._silence.seconds:.0f} s, "
+                f"though polled{late}: unplug it and plug it in again; `cfid rig check` looks for the cause."
             )
 
-    def _newly_lost(self) -> int | None:
-        """Count samples lost since the last block; in continuous output, which has no known rate, none are known."""
-        if self._polls is None:
-            return None
-        lost = self._polls.unanswered + self._missing + self._late + self._failed_check
+    def _newly_lost(self) -> int:
+        waiting = self._polled_s is not None and not self._stopped
+        lost = self._polls - self._answered - waiting + self._passed + self._failed_check
         newly, self._counted = lost - self._counted, lost
         return newly
 
@@ -285,25 +439,23 @@ class Encoder:
             "22 bits: another encoder or word width. Set encoder.counts_per_turn in rig.toml to its counts per turn."
         )
 
-    def _search(self) -> None:
-        """Look for the interface on another thread, since an answer may take half a second."""
-        if self._stopped:
-            return
-        search = deferToThreadPool(self._loop, self._loop.getThreadPool(), self._find)
-        search.addCallback(self._back).addErrback(self._not_yet)  # it may be gone again before it is opened
-
-    def _not_yet(self, failure: Failure) -> None:
-        failure.trap(DeviceError)
-        self._loop.callLater(_SEARCH_S, self._search)
-
-    def _back(self, found: FoundPort) -> None:
-        if self._stopped or self._gone_s is None:
-            return
-        now_s, self._found = self._loop.seconds(), found
-        self._attach()
-        self._note_gap(now_s, "unplugged")
-        self._say(f"{found.port}: the encoder is back after {now_s - self._gone_s:.1f} s")
-        self._gone_s = None
-        self._note_position(now_s)
-        if self._stamps is not None:
-            self._stamps.forget()
+    async def _search(self) -> None:
+        """Look for the interface until it is back, perhaps on another port, which is then locked instead."""
+        while self._gone_s is not None:
+            await self._hardware.sleep(_SEARCH_S)
+            try:
+                self._found = await find_encoder(
+                    self._hardware,
+                    self._port_setting,
+                    counts_per_turn=self._counts_per_turn,
+                    serial_number=self._found.serial_number,
+                )
+                self._lock.move(self._found.port)
+                self._port = self._hardware.serial(self._found.port, self, baud=BAUD)
+            except DeviceError:
+                continue
+            self._say(f"{self._found.port}: the encoder is back after {self._hardware.seconds() - self._gone_s:.1f} s")
+            self._gone_s = None
+            self._reader.forget()
+            self._silence.end("unplugged")
+            self._poll_next()

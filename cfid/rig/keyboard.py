@@ -7,9 +7,9 @@ import sys
 import termios
 import tty
 from collections.abc import Callable, Container, Iterator
-from typing import Any
 
 from cfid.errors import ConfigError
+from cfid.rig.hardware import Hardware
 
 UP, DOWN, ESCAPE = "up", "down", "escape"
 
@@ -28,11 +28,11 @@ class Keyboard:
     `escape`; with None when the input has ended.
     """
 
-    def __init__(self, handle: Callable[[str | None], None], *, loop: Any, keys: bool = False) -> None:
+    def __init__(self, handle: Callable[[str | None], None], *, hardware: Hardware, keys: bool = False) -> None:
         """Take the handler of input; nothing is read yet. Raises ConfigError where there is no standard input."""
         if sys.stdin is None:
             raise ConfigError("there is no standard input to type into.")
-        self._handle, self._loop = handle, loop
+        self._handle, self._hardware = handle, hardware
         self.keys = keys and sys.stdin.isatty()
         self._restore: Callable[[], None] = lambda: None
         self._rest = ""
@@ -47,15 +47,15 @@ class Keyboard:
             try:
                 self._restore = _single_keys(sys.stdin.fileno())
             except termios.error:
-                self._loop.callLater(0, self._end)
+                self._hardware.later(0, self._end)
                 return
-        self._loop.addReader(self)
+        self._hardware.add_reader(self)
 
     def close(self) -> None:
         """Stop listening, and restore the terminal."""
         if self._open:
             self._open = False
-            self._loop.removeReader(self)
+            self._hardware.remove_reader(self)
             self._restore()
 
     def fileno(self) -> int:

@@ -9,6 +9,7 @@ import queue
 import socket
 import threading
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from typing import Protocol
 from urllib.parse import urlsplit
@@ -43,20 +44,66 @@ class QueuedPacket:
         self.at_s: float | None = None
 
 
-class Link:
+class Link(ABC):
     """An open link to a vehicle; `received_s` is when the last packet arrived, 0 before the first.
 
     `fault` states why it no longer works. Version and tables are those that `tables.connect` has read.
     """
 
     def __init__(self, uri: str) -> None:
-        """Open the link. Raises DeviceError, also for a radio that another process uses."""
+        """Take the address; nothing has arrived yet."""
         self.uri = uri
         self.fault = ""
         self.received_s = 0.0
         self.firmware_protocol = -1
         self.variables: Mapping[str, Variable] = {}
         self.parameters: Mapping[str, Variable] = {}
+
+    def variable(self, name: str) -> Variable | None:
+        """Return a log variable by its name, such as `pm.vbat`."""
+        return self.variables.get(name)
+
+    def parameter(self, name: str) -> Variable | None:
+        """Return a parameter by its name, such as `motorPowerSet.enable`."""
+        return self.parameters.get(name)
+
+    @abstractmethod
+    def send(self, packet: Packet) -> QueuedPacket:
+        """Send a packet without waiting; the returned object gets the time at which it left.
+
+        Raises DeviceError when the link is gone, or when the driver takes no more packets.
+        """
+
+    @abstractmethod
+    def receive(self, within_s: float) -> Packet | None:
+        """Return the next packet, None when none comes in time. Once a loop is attached, it takes the packets."""
+
+    @abstractmethod
+    def attach(self, wake: Callable[[], None]) -> None:
+        """Call `wake`, from any thread, whenever a packet has arrived: it makes a loop call `arrived`."""
+
+    @abstractmethod
+    def arrived(self) -> list[Arrived]:
+        """Return the packets that arrived since the last call, each with its time on the monotonic clock."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Close the link; send nothing."""
+
+
+def open_link(uri: str) -> Link:
+    """Open a link over a datagram socket or a driver of cflib.
+
+    Raises DeviceError, also for a radio that another process uses.
+    """
+    return _ThreadedLink(uri)
+
+
+class _ThreadedLink(Link):
+    """A link with a thread that sends and one that receives."""
+
+    def __init__(self, uri: str) -> None:
+        super().__init__(uri)
         self._closed = False
         self._arrived: queue.SimpleQueue[Arrived] = queue.SimpleQueue()
         self._leaving: queue.Queue[QueuedPacket | None] = queue.Queue(_LONGEST_QUEUE)
@@ -69,19 +116,7 @@ class Link:
         for thread in self._threads:
             thread.start()
 
-    def variable(self, name: str) -> Variable | None:
-        """Return a log variable by its name, such as `pm.vbat`."""
-        return self.variables.get(name)
-
-    def parameter(self, name: str) -> Variable | None:
-        """Return a parameter by its name, such as `motorPowerSet.enable`."""
-        return self.parameters.get(name)
-
     def send(self, packet: Packet) -> QueuedPacket:
-        """Queue a packet for the sending thread; the returned object gets the time at which it left.
-
-        Raises DeviceError when the link is gone, or when the driver takes no more packets.
-        """
         if self.fault or self._closed:
             raise DeviceError(self.fault or f"{self.uri}: the link is closed.")
         leaving = QueuedPacket(packet)
@@ -92,18 +127,15 @@ class Link:
         return leaving
 
     def receive(self, within_s: float) -> Packet | None:
-        """Return the next packet, None when none comes in time. Once a loop is attached, it takes the packets."""
         with contextlib.suppress(queue.Empty):
             return self._arrived.get(timeout=max(within_s, 0.0))[0]
         return None
 
     def attach(self, wake: Callable[[], None]) -> None:
-        """Call `wake`, on the receiving thread, whenever a packet has arrived: it makes a loop call `arrived`."""
         self._wake = wake
         wake()
 
     def arrived(self) -> list[Arrived]:
-        """Return the packets that arrived since the last call, each with its time on the monotonic clock."""
         packets: list[Arrived] = []
         with contextlib.suppress(queue.Empty):
             while True:
@@ -111,7 +143,7 @@ class Link:
         return packets
 
     def close(self) -> None:
-        """Close the link, and wait for its threads and for the driver, which may take two seconds; send nothing."""
+        """Close the link, and wait for its threads and for the driver, which may take two seconds."""
         self._closed, self._wake = True, lambda: None
         with contextlib.suppress(queue.Full):
             self._leaving.put_nowait(None)

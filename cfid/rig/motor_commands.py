@@ -1,4 +1,10 @@
-"""Records motor commands and their times; whatever ends the recording stops the motors first."""
+"""Records motor commands and their times; whatever ends the recording stops the motors first.
+
+Motors of stock firmware are driven through its parameters motorPowerSet, which override everything on the vehicle.
+Only cfid ends these commands: disarming, tumble check and emergency stop do not, and a lost link leaves the motors
+running. The supervisor still sees them turn, and would lock the vehicle where an old setpoint is in force: so cfid
+relaxes the setpoint first.
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -6,39 +12,111 @@ from typing import Any
 import numpy as np
 from twisted.internet.defer import Deferred
 
-from cfid.errors import DeviceError
+from cfid.errors import DeviceError, StopError
+from cfid.records.run import DeviceRecord
 from cfid.rig.app_motors import AppMotors
-from cfid.rig.clock import HostClock
-from cfid.rig.motors import STILL, STOPPED, Four
-from cfid.rig.recorder import Block, no_rows, sleep
-from cfid.rig.stock_motors import StockMotors
-from cfid.rig.vehicle import OnALink
+from cfid.rig.hardware import Hardware
+from cfid.rig.instrument import Block, Instrument
+from cfid.rig.motor_log import PowerSet, confirm_still
+from cfid.rig.motors import STILL, STOPPED, Four, Limits
+from cfid.rig.stop import MAY_BE_RUNNING
+from cfid.rig.vehicle import Vehicle
 from cfid.units import MOTORS
+from cfid.wire.crtp import Variable
+from cfid.wire.supervisor import RELAX_SETPOINT
+
+_EACH = 1  # value of motorPowerSet.enable
+_RELAXED = 3  # times, since the vehicle does not answer this packet
 
 
-class MotorCommands(OnALink):
+class StockMotors:
+    """The four motors behind the parameters motorPowerSet."""
+
+    def __init__(self, vehicle: Vehicle, limits: Limits) -> None:
+        """Take a vehicle that has the parameters. Raises DeviceError for one that lacks any."""
+        self._vehicle, self._limits = vehicle, limits
+        self._parameters = PowerSet(vehicle)
+        self._commands: Four | None = None  # None: not known
+        self._stopped = False
+
+    def start(self) -> None:
+        """Begin to monitor the link: these parameters report nothing by themselves."""
+        self._vehicle.begin()
+
+    async def set(self, commands: Four) -> float:
+        """Write the commands that differ, and enable them. To stop all motors, disable them first, in one write."""
+        self._limits.check_four(commands)
+        before, self._commands = self._commands, None
+        self._vehicle.expected = None
+        began_s: float = self._vehicle.hardware.seconds()
+        if commands == STILL:
+            await self._write(self._parameters.enable, 0)
+        for place, parameter in enumerate(self._parameters.each):
+            if before is None or commands[place] != before[place]:
+                await self._write(parameter, commands[place])
+        if commands != STILL and (before is None or before == STILL):
+            for _ in range(_RELAXED):
+                self._vehicle.link.send(RELAX_SETPOINT)
+            await self._write(self._parameters.enable, _EACH)
+        self._commands = commands
+        self._vehicle.expected = (commands, commands)
+        return began_s
+
+    def check(self) -> None:
+        """Raise DeviceError when the link is lost."""
+        self._vehicle.check()
+
+    async def stop(self) -> float:
+        """Disable the parameters, set them to zero, and read them and what the motors do back."""
+        self._stopped, self._vehicle.expected = True, None
+        began_s = self._vehicle.hardware.seconds()
+        try:
+            await self._parameters.clear()
+        except DeviceError as error:
+            raise StopError(
+                f"{MAY_BE_RUNNING}: stock firmware keeps motors running without a link, and did not confirm the stop. "
+                f"({error})"
+            ) from None
+        await confirm_still(self._vehicle)
+        return float(self._vehicle.hardware.seconds() - began_s)
+
+    async def _write(self, parameter: Variable, value: int) -> None:
+        if self._stopped:
+            raise DeviceError(STOPPED)
+        await self._vehicle.write_parameter(parameter, value, tries=4)
+
+
+class MotorCommands(Instrument):
     """Commands of all four motors, a row for each change, with the time at which the accepted request was sent.
 
-    `whole` is set once all requested commands have been held, and the run may end.
+    `is_whole` is set once all requested commands have been held, and the run may end.
     """
 
     name = "commands"
     columns = ("t", "m1", "m2", "m3", "m4")
+    eventful = True
 
-    def __init__(self, motors: AppMotors | StockMotors, *, loop: Any, clock: HostClock) -> None:
+    def __init__(self, motors: AppMotors | StockMotors, record: DeviceRecord) -> None:
         """Take motors that stand still."""
-        self._motors, self._loop, self._clock = motors, loop, clock
+        self.record = record
+        self._motors = motors
         self._rows: list[tuple[float, Four]] = []
         self._commands: Four | None = None  # the last that were set; None: unknown
         self._running = False
         self._stopped_in_s: float | None = None
-        self.whole = False
+        self.is_whole = False
 
-    def start(self) -> None:
+    @property
+    def whole(self) -> bool:
+        """Whether all requested commands have been held, and the run may end."""
+        return self.is_whole
+
+    def start(self, hardware: Hardware) -> None:
         """Begin to monitor the motors."""
+        self._hardware = hardware
         self._running = True
         self._motors.start()
-        self._note(self._loop.seconds(), STILL)
+        self._note(self._hardware.seconds(), STILL)
 
     async def set(self, commands: Four) -> None:
         """Set the motors' commands. Raises ConfigError or DeviceError."""
@@ -53,8 +131,8 @@ class MotorCommands(OnALink):
             self._motors.check()
         rows, self._rows = self._rows, []
         if not rows:
-            return Block(no_rows(len(self.columns)))
-        times_s = self._clock.unix_s(np.array([time_s for time_s, _ in rows]))
+            return self.no_rows()
+        times_s = self._hardware.clock.unix_s(np.array([time_s for time_s, _ in rows]))
         return Block((times_s, *np.array([commands for _, commands in rows]).T))
 
     async def stop(self) -> None:
@@ -62,7 +140,7 @@ class MotorCommands(OnALink):
         if self._running:
             self._running = False
             if self._commands != STILL:
-                self._note(self._loop.seconds(), STILL)
+                self._note(self._hardware.seconds(), STILL)
             self._stopped_in_s = await self._motors.stop()
 
     def facts(self) -> Mapping[str, Any]:
@@ -80,7 +158,9 @@ def four(command: int, motors: Sequence[int]) -> Four:
     return m1, m2, m3, m4
 
 
-async def hold(commands: MotorCommands, command: int, motors: Sequence[int], *, for_s: float | None, loop: Any) -> None:
+async def hold(
+    commands: MotorCommands, command: int, motors: Sequence[int], *, for_s: float | None, hardware: Hardware
+) -> None:
     """Hold one command for `for_s` seconds, or until the procedure is cancelled."""
     await commands.set(four(command, motors))
-    await (Deferred[None]() if for_s is None else sleep(loop, for_s))
+    await (Deferred[None]() if for_s is None else hardware.sleep(for_s))

@@ -1,4 +1,7 @@
-"""Compares what the motors do, by the vehicle's log, with this program's commands, and names what else drives them."""
+"""Compares what the motors do, by the vehicle's log, with this program's commands, and names what else drives them.
+
+The parameters motorPowerSet override everything else on the vehicle, cfid's app included: they are read and cleared.
+"""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -6,14 +9,12 @@ from collections.abc import Mapping, Sequence
 from twisted.internet.defer import Deferred
 
 from cfid.errors import DeviceError, StopError
-from cfid.rig.log_block import LogBlock
-from cfid.rig.motors import MAY_BE_RUNNING, STILL
-from cfid.rig.power_set import is_overridden
-from cfid.rig.recorder import sleep
+from cfid.rig.motors import STILL
+from cfid.rig.stop import MAY_BE_RUNNING, TRIES, WITHIN_S
 from cfid.rig.supervisor import present_state
-from cfid.rig.vehicle import Vehicle
+from cfid.rig.vehicle import LogBlock, Vehicle
 from cfid.units import MOTORS
-from cfid.wire.crtp import LOG_DATA_CHANNEL, LOG_PORT
+from cfid.wire.crtp import LOG_DATA_CHANNEL, LOG_PORT, Variable
 from cfid.wire.supervisor import Bits, encode_arming
 
 APPLIED = tuple(f"motor.m{motor}" for motor in MOTORS)  # the commands that finally reach the motors
@@ -63,7 +64,7 @@ async def foreign_motion(vehicle: Vehicle, *, idle_thrust: int) -> str:
 
     Raises DeviceError when the vehicle does not answer.
     """
-    if any(vehicle.wire.variable(name) is None for name in APPLIED):
+    if any(vehicle.link.variable(name) is None for name in APPLIED):
         return ""
     applied = await _applied(vehicle)
     driven = _beyond(STILL, applied, idle_thrust) or await is_overridden(vehicle)
@@ -79,8 +80,8 @@ async def confirm_still(vehicle: Vehicle) -> None:
     try:
         if not any(await _applied(vehicle)):
             return
-        vehicle.wire.send(encode_arming(arm=False, protocol=vehicle.wire.firmware_protocol))
-        await sleep(vehicle.loop, _READY_S)
+        vehicle.link.send(encode_arming(arm=False, protocol=vehicle.link.firmware_protocol))
+        await vehicle.hardware.sleep(_READY_S)
         applied = await _applied(vehicle)
         cause = await _cause(vehicle, applied) if any(applied) else ""
     except DeviceError as error:
@@ -89,14 +90,47 @@ async def confirm_still(vehicle: Vehicle) -> None:
         raise StopError(f"{MAY_BE_RUNNING}: {vehicle.uri}: {cause}.")
 
 
+class PowerSet:
+    """The five parameters of a vehicle; with `enable` at 1 each motor runs at its own parameter's command."""
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        """Take a vehicle that has them. Raises DeviceError for one that lacks any."""
+        self._vehicle = vehicle
+        self.enable = self._parameter("enable")
+        self.each = [self._parameter(f"m{motor}") for motor in MOTORS]
+
+    async def clear(self) -> None:
+        """Disable the parameters, set all to zero and read them back. Raises DeviceError when that is not confirmed."""
+        for parameter in (self.enable, *self.each):
+            await self._vehicle.write_parameter(parameter, 0, within_s=WITHIN_S, tries=TRIES)
+        for parameter in (self.enable, *self.each):
+            if await self._vehicle.read_parameter(parameter, within_s=WITHIN_S, tries=TRIES) != 0:
+                raise DeviceError(f"{self._vehicle.uri}: a parameter of motorPowerSet was set to 0 and is not.")
+
+    def _parameter(self, name: str) -> Variable:
+        found = self._vehicle.link.parameter(f"motorPowerSet.{name}")
+        if found is None:
+            raise DeviceError(f"{self._vehicle.uri}: the firmware has no parameter motorPowerSet.{name}.")
+        return found
+
+
+async def is_overridden(vehicle: Vehicle) -> bool:
+    """Return whether these parameters drive the motors. Raises DeviceError without an answer."""
+    enable = vehicle.link.parameter("motorPowerSet.enable")
+    value = 0 if enable is None else await vehicle.read_parameter(enable, within_s=WITHIN_S, tries=TRIES)
+    if value is None:
+        raise DeviceError(f"{vehicle.uri}: the vehicle does not report motorPowerSet.enable.")
+    return value != 0
+
+
 async def _applied(vehicle: Vehicle) -> list[float]:
     """Return the largest command of each motor in a short look: one that competes with the app's comes in pulses."""
     block = LogBlock(vehicle, APPLIED)
     largest = [0.0] * len(APPLIED)
     try:
         await block.start(_LOOK_MS)
-        end_s = vehicle.loop.seconds() + _LOOK_S
-        while vehicle.loop.seconds() < end_s:
+        end_s = vehicle.hardware.seconds() + _LOOK_S
+        while vehicle.hardware.seconds() < end_s:
             row = await vehicle.next((LOG_PORT, LOG_DATA_CHANNEL), block.row, within_s=_ROW_S)
             if row is None:
                 raise DeviceError(f"{vehicle.uri}: no row of the motors' log came within {_ROW_S:g} s.")

@@ -26,8 +26,6 @@ from cfid.wire.crtp import ECHO_CHANNEL, ECHO_PORT, Packet, decode_echo, encode_
 Four = tuple[int, int, int, int]
 
 STILL: Four = (0, 0, 0, 0)
-MAY_BE_RUNNING = "THE MOTORS MAY STILL BE RUNNING. KEEP CLEAR AND PULL THE BATTERY"
-
 STOPPED = "the motors were stopped: no further command is sent."
 
 OWNERS_SINCE = 2  # version of the app
@@ -128,7 +126,7 @@ async def firmware_of(vehicle: Vehicle, ports: AppPorts) -> Firmware:
     echo = Packet(ECHO_PORT, ECHO_CHANNEL, encode_echo(1))
     if await vehicle.ask(echo, decode_echo, within_s=_HELLO_S, tries=_HELLOS) is None:
         raise DeviceError(f"{vehicle.uri}: the vehicle no longer answers: the link is lost.")
-    if vehicle.wire.parameter("motorPowerSet.enable") is not None:
+    if vehicle.link.parameter("motorPowerSet.enable") is not None:
         return Firmware(kind="stock", ports=ports)
     raise DeviceError(
         f"{vehicle.uri}: this firmware has neither cfid's app nor the parameters motorPowerSet: its motors cannot be "

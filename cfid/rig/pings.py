@@ -5,10 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from cfid.rig.clock import HostClock
+from cfid.records.run import DeviceRecord
+from cfid.rig.hardware import Hardware
+from cfid.rig.instrument import Block, Instrument
 from cfid.rig.motors import Firmware
-from cfid.rig.recorder import Block, no_rows
-from cfid.rig.vehicle import OnALink, Vehicle
+from cfid.rig.vehicle import Vehicle
 from cfid.wire import app, crtp
 from cfid.wire.app import PingChannel
 from cfid.wire.crtp import Packet
@@ -16,15 +17,15 @@ from cfid.wire.crtp import Packet
 _LOST_S = 1.0  # without an answer: seventeen times the thesis' mean
 
 
-class Pings(OnALink):
+class Pings(Instrument):
     """A row for each answer: `t` when the ping left, the round trip, and the vehicle's time where it reports one."""
 
     name = "pings"
 
-    def __init__(self, vehicle: Vehicle, firmware: Firmware, *, loop: Any, clock: HostClock) -> None:
+    def __init__(self, vehicle: Vehicle, firmware: Firmware, record: DeviceRecord) -> None:
         """Take a vehicle."""
-        self._vehicle, self._firmware, self._loop, self._clock = vehicle, firmware, loop, clock
-        self.columns = self.columns_of(firmware)
+        self.record = record
+        self._vehicle, self._firmware = vehicle, firmware
         self.sent = self._lost = 0
         self._rows: list[tuple[float, float, int]] = []
 
@@ -33,9 +34,10 @@ class Pings(OnALink):
         """Return the columns that a firmware's answers fill."""
         return ("t", "rtt_s", "vehicle_us") if firmware.kind == "app" else ("t", "rtt_s")
 
-    def start(self) -> None:
+    def start(self, hardware: Hardware) -> None:
         """Begin to monitor the link: `ping` sends each ping."""
-        self._vehicle.stalls.begin()
+        self._hardware = hardware
+        self._vehicle.begin()
 
     async def ping(self) -> float | None:
         """Send a ping and wait for its answer; return the round trip in seconds, None when it was lost."""
@@ -65,12 +67,11 @@ class Pings(OnALink):
         lost, self._lost = self._lost, 0
         rows, self._rows = self._rows, []
         if not rows:
-            return Block(no_rows(len(self.columns)), lost)
+            return self.no_rows(lost)
         sent_s, rtt_s, vehicle_us = map(np.array, zip(*rows, strict=True))
-        return Block((self._clock.unix_s(sent_s), np.round(rtt_s, 7), vehicle_us)[: len(self.columns)], lost)
-
-    async def stop(self) -> None:
-        """Do nothing: a ping under way ends by its time limit."""
+        return Block(
+            (self._hardware.clock.unix_s(sent_s), np.round(rtt_s, 7), vehicle_us)[: len(self.record.columns)], lost
+        )
 
     def facts(self) -> Mapping[str, Any]:
         """Return how many pings were sent."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 if TYPE_CHECKING:
-    from cfid.rig.recorder import Block
+    from cfid.rig.instrument import Block
 
 _SHOWN_POINTS = 40
 _RATE_BLOCKS = 20  # over which the rate is averaged
@@ -23,12 +23,12 @@ class Progress:
     no row has come, 0 where that is usual.
     """
 
-    def __init__(self) -> None:
-        """Start with nothing."""
+    def __init__(self, reading: "Reading | None" = None) -> None:
+        """Take what the live line shows of the instrument; no row has come."""
         self.rows = 0
         self.lost: int | None = 0
         self.status = ""
-        self.reading: Reading | None = None
+        self.reading = reading
         self.first: tuple[float, ...] = ()
         self.latest: tuple[float, ...] = ()
         self.mean: tuple[float, ...] = ()

@@ -4,14 +4,13 @@ import signal
 from collections.abc import Callable
 from contextlib import suppress
 from enum import Enum
-from typing import Any, Final, NoReturn
+from typing import Final, NoReturn
 
-from twisted.internet.defer import Deferred, DeferredQueue
-from twisted.internet.defer import TimeoutError as WaitedError
+from twisted.internet.defer import CancelledError, Deferred, DeferredQueue
 
 from cfid.errors import ConfigError
+from cfid.rig.hardware import Hardware
 from cfid.rig.keyboard import Keyboard, edited
-from cfid.rig.recorder import sleep
 
 _UNDO = ("u", "undo")
 _UNUSED = "not used: every step is read"
@@ -31,11 +30,11 @@ LATE: Final = Answer.LATE
 class Questions:
     """Asks for numbers, one after the other. At a terminal `tell` shows the typed text; a script answers in lines."""
 
-    def __init__(self, *, loop: Any, tell: Callable[[str], None], say: Callable[[str], None]) -> None:
+    def __init__(self, *, hardware: Hardware, tell: Callable[[str], None], say: Callable[[str], None]) -> None:
         """Take the functions that show questions and print messages."""
-        self._tell, self._say, self._loop = tell, say, loop
+        self._tell, self._say, self._hardware = tell, say, hardware
         self._typed: DeferredQueue[str | None] = DeferredQueue()
-        self._keyboard = Keyboard(self._typed.put, loop=loop, keys=True)
+        self._keyboard = Keyboard(self._typed.put, hardware=hardware, keys=True)
 
     def open(self) -> None:
         """Listen to the keyboard from now on."""
@@ -57,10 +56,23 @@ class Questions:
         or when a script's line is invalid.
         """
         answer = Deferred.fromCoroutine(self._number(what, fault))
+        is_late = False
+
+        def end() -> None:
+            nonlocal is_late
+            is_late = True
+            answer.cancel()
+
+        timer = None if within_s is None else self._hardware.later(within_s, end)
         try:
-            return await (answer if within_s is None else answer.addTimeout(within_s, self._loop))
-        except WaitedError:
+            return await answer
+        except CancelledError:
+            if not is_late:
+                raise
             return LATE
+        finally:
+            if timer is not None and timer.active():
+                timer.cancel()
 
     async def _number(self, what: str, fault: Callable[[float], str]) -> float | Answer | None:
         questioned: float | None = None
@@ -138,7 +150,7 @@ class Questions:
         """
         if self._keyboard.hung_up:
             signal.raise_signal(signal.SIGHUP)
-            await sleep(self._loop, 0)  # in which the loop takes the request, unless the signal is ignored
+            await self._hardware.sleep(0)  # in which the loop takes the request, unless the signal is ignored
         raise ConfigError(f"{what}: standard input ended before the reading was typed.")
 
 

@@ -3,11 +3,10 @@
 from typing import NamedTuple
 
 from cfid.errors import DeviceError, StopError
-from cfid.rig.motor_log import confirm_still
-from cfid.rig.motors import MAY_BE_RUNNING, firmware_of
-from cfid.rig.power_set import PowerSet
-from cfid.rig.recorder import sleep
-from cfid.rig.stop_packets import OVERRIDES, Acknowledged, Kind, stop_over
+from cfid.rig.hardware import Hardware
+from cfid.rig.motor_log import PowerSet, confirm_still
+from cfid.rig.motors import firmware_of
+from cfid.rig.stop import MAY_BE_RUNNING, OVERRIDES, Acknowledged, Kind, stop_over
 from cfid.rig.supervisor import present_state
 from cfid.rig.tables import connect
 from cfid.rig.vehicle import Vehicle, asked
@@ -26,29 +25,29 @@ class ReadBack(NamedTuple):
     state: VehicleState | None
 
 
-def confirm_stop(uri: str, ports: AppPorts, acknowledged: Acknowledged | None) -> ReadBack:
+def confirm_stop(uri: str, ports: AppPorts, hardware: Hardware, acknowledged: Acknowledged | None) -> ReadBack:
     """Read back that nothing drives the motors, and disarm a vehicle whose rotors idle.
 
     If no stop has been acknowledged yet, one is sent over this link. Raises DeviceError for a vehicle that cannot be
     reached, StopError when something still drives its motors.
     """
-    link = connect(uri)
+    vehicle = connect(uri, hardware)
     try:
         if acknowledged is None or not (acknowledged.by_app or acknowledged.by_parameters):
-            acknowledged = stop_over(link, ports)
-        kind: Kind = "app" if acknowledged.by_app else asked(link, lambda vehicle: firmware_of(vehicle, ports)).kind
+            acknowledged = stop_over(vehicle.link, ports, hardware)
+        kind: Kind = "app" if acknowledged.by_app else asked(vehicle, lambda vehicle: firmware_of(vehicle, ports)).kind
         if kind == "app" and not acknowledged.by_app:
-            acknowledged = stop_over(link, ports)
+            acknowledged = stop_over(vehicle.link, ports, hardware)
             if not acknowledged.by_app:
                 raise StopError(f"{MAY_BE_RUNNING}: {uri}: the app did not confirm that the motors stopped.")
-        return ReadBack(kind, acknowledged, asked(link, _confirmed))
+        return ReadBack(kind, acknowledged, asked(vehicle, _confirmed))
     finally:
-        link.close()
+        vehicle.link.close()
 
 
 async def _confirmed(vehicle: Vehicle) -> VehicleState | None:
     """Return the vehicle's state once nothing drives its motors. Raises StopError when something still does."""
-    if any(vehicle.wire.parameter(name) is not None for name in OVERRIDES):
+    if any(vehicle.link.parameter(name) is not None for name in OVERRIDES):
         try:
             await PowerSet(vehicle).clear()
         except DeviceError as error:
@@ -62,10 +61,10 @@ async def _confirmed(vehicle: Vehicle) -> VehicleState | None:
 
 async def _disarmed(vehicle: Vehicle) -> VehicleState | None:
     """Return the vehicle's state, after disarming it where its rotors would idle otherwise."""
-    end_s = vehicle.loop.seconds() + _DISARMED_S
+    end_s = vehicle.hardware.seconds() + _DISARMED_S
     while (state := await present_state(vehicle)) is not None and state.armed and not state.arms_itself:
-        if vehicle.loop.seconds() > end_s:
+        if vehicle.hardware.seconds() > end_s:
             raise StopError(f"{MAY_BE_RUNNING}: {vehicle.uri}: the vehicle was not seen disarmed: its rotors may idle.")
-        vehicle.wire.send(encode_arming(arm=False, protocol=vehicle.wire.firmware_protocol))
-        await sleep(vehicle.loop, _LOOK_S)
+        vehicle.link.send(encode_arming(arm=False, protocol=vehicle.link.firmware_protocol))
+        await vehicle.hardware.sleep(_LOOK_S)
     return state

@@ -2,63 +2,25 @@
 
 import contextlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple, Protocol
+from dataclasses import dataclass, field
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 from twisted.internet.base import DelayedCall
 from twisted.internet.defer import Deferred
-from twisted.internet.task import deferLater
-from twisted.internet.threads import deferToThreadPool
 from twisted.python.failure import Failure
 
 from cfid.errors import CfidError, DeviceError, StopError
-from cfid.rig.clock import suspended_s
+from cfid.rig.hardware import Hardware
+from cfid.rig.instrument import Instrument
 from cfid.rig.progress import Progress
 
 BLOCK_S = 0.05
 SYNC_S = 1.0
 _LONGEST_SLEEP_S = 0.5
 
-Say = Callable[[str], None]
-
-
-class Block(NamedTuple):
-    """An instrument's data since the last block: columns (n,), samples lost, and a fault that ends the run.
-
-    `lost` is None from when on it is unknown how many are, as where a device states neither a rate nor a clock.
-    `status` is what the live line shows in place of values.
-    """
-
-    columns: Sequence[npt.NDArray[Any]]
-    lost: int | None = 0
-    fault: str = ""
-    status: str = ""
-
-
-class Instrument(Protocol):
-    """A device that samples on its own and keeps its rows until they are taken."""
-
-    name: str
-
-    @property
-    def columns(self) -> tuple[str, ...]:
-        """The columns of its file: `t` in Unix seconds, then raw values."""
-
-    def start(self) -> None:
-        """Begin to sample."""
-
-    def take(self) -> Block:
-        """Return the new rows. Raises DeviceError when no more data arrive."""
-
-    async def stop(self) -> None:
-        """End the sampling and make sure that it ended; rows until then can still be taken."""
-
-    def close(self) -> None:
-        """Release ports and locks. May be called in any state, and twice."""
-
-    def facts(self) -> Mapping[str, Any]:
-        """Return what goes into run.toml at the end."""
+Notice = Callable[[str, Sequence[Any]], None]  # examines an instrument's new rows
 
 
 class Sink(Protocol):
@@ -77,21 +39,76 @@ class Sink(Protocol):
         """Sync the rows to the disk."""
 
 
+@dataclass
+class Sampled:
+    """A device's rows as columns (n,), by their names, the samples that were lost (None: unknown), and its facts."""
+
+    columns: dict[str, npt.NDArray[np.float64]] = field(default_factory=dict)
+    lost: int | None = 0
+    facts: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def rows(self) -> int:
+        """The number of rows."""
+        return len(self.columns["t"]) if self.columns else 0
+
+
+class Memory:
+    """Keeps all rows in memory."""
+
+    def __init__(self) -> None:
+        """Start without rows."""
+        self._blocks: dict[str, list[Sequence[Any]]] = {}
+        self._lost: dict[str, int | None] = {}
+        self._facts: dict[str, Mapping[str, Any]] = {}
+
+    def append(self, device: str, columns: Sequence[Any]) -> None:
+        """Keep one block."""
+        self._blocks.setdefault(device, []).append(columns)
+
+    def count_lost(self, device: str, samples: int | None) -> None:
+        """Count samples that are missing."""
+        before = self._lost.get(device, 0)
+        self._lost[device] = None if samples is None or before is None else before + samples
+
+    def describe(self, device: str, facts: Mapping[str, Any]) -> None:
+        """Keep a device's facts."""
+        self._facts[device] = facts
+
+    def sync(self) -> None:
+        """Do nothing."""
+
+    def sampled(self, device: str, names: Sequence[str]) -> Sampled:
+        """Return what a device with these columns sent."""
+        columns = [np.concatenate(column) for column in zip(*self._blocks.get(device, ()), strict=True)]
+        named = dict(zip(names, (column.astype(np.float64) for column in columns), strict=True)) if columns else {}
+        return Sampled(named, self._lost.get(device, 0), self._facts.get(device, {}))
+
+
 class Recorder:
-    """Records instruments into a sink, None for motors driven by hand. `loop` is Twisted's, or its Clock in a test."""
+    """Records instruments into a sink."""
 
     def __init__(
-        self, instruments: Sequence[Instrument], run: Sink | None, *, loop: Any, show: Callable[[], None]
+        self,
+        instruments: Sequence[Instrument],
+        sink: Sink,
+        hardware: Hardware,
+        *,
+        show: Callable[["Recorder"], None],
+        notice: Notice = lambda name, columns: None,
+        for_s: float | None = None,
+        tare_s: float = 0.0,
     ) -> None:
-        """Take the instruments and the sink; `show` is called after every block."""
-        self.progress = {instrument.name: Progress() for instrument in instruments}
-        self.began_s = loop.seconds()
-        self.for_s: float | None = None  # how long the recording is to last, where that is known
-        self.tare_s = 0.0  # how long everything is at rest at first
-        self._instruments = instruments
-        self._run = run
-        self._loop = loop
-        self._show = show
+        """Take the instruments and the sink; `show` is called after every block, `notice` with all new rows.
+
+        `for_s` is how long the recording is to last, where that is known; everything is at rest for `tare_s` at first.
+        """
+        self.progress = {instrument.name: Progress(instrument.reading) for instrument in instruments}
+        self.for_s = for_s
+        self._tare_s = tare_s
+        self._instruments, self._sink, self._hardware = instruments, sink, hardware
+        self._show, self._notice = show, notice
+        self._begun_s = hardware.seconds()
         self._next_block: DelayedCall | None = None
         self._syncing = False
         self._suspended_s = 0.0
@@ -100,7 +117,7 @@ class Recorder:
     @property
     def seconds(self) -> float:
         """How long the recording has lasted so far."""
-        return float(self._loop.seconds() - self.began_s)
+        return self._hardware.seconds() - self._begun_s
 
     async def record(self, begin: Callable[[], Deferred[None]]) -> None:
         """Record until the Deferred of `begin` fires or something fails; then stop every device, in order.
@@ -108,13 +125,15 @@ class Recorder:
         What a device sent before it stopped is written in every case. Raises the first failure with the others in its
         message: DeviceError or DataError, unless the program itself is faulty.
         """
-        self.began_s = self._loop.seconds()
-        self._suspended_s = suspended_s()
+        self._begun_s = self._hardware.seconds()
+        self._suspended_s = self._hardware.suspended_s()
         failed: list[Exception] = []
         begun: Deferred[None] | None = None
+        started: list[Instrument] = []
         try:
             for instrument in self._instruments:
-                instrument.start()
+                instrument.start(self._hardware)
+                started.append(instrument)
             self._write_blocks(0)
             if not self._done.called:  # a device that is at fault at once ends the recording before anything turns
                 begun = begin()
@@ -124,7 +143,7 @@ class Recorder:
             failed.append(error)
         if begun is not None:
             begun.cancel()
-        failed += await self._stop()
+        failed += await self._stop(started)
         if failed:
             raise _together(failed)
 
@@ -143,22 +162,23 @@ class Recorder:
     def _write_blocks(self, count: int) -> None:
         """Write the new rows, and schedule the next block on a grid that a slow disk does not shift."""
         try:
+            self._hardware.awake_s()
             self._check_awake()
             for instrument in self._instruments:
                 self._write(instrument)
-            self._show()
+            self._show(self)
         except Exception as error:
             self._fail(error)
             return
         if count and count % round(SYNC_S / BLOCK_S) == 0:
             self._sync()
-        now_s = self._loop.seconds() - self.began_s
+        now_s = self.seconds
         later = max(count + 1, int(now_s / BLOCK_S) + 1)
-        self._next_block = self._loop.callLater(max(later * BLOCK_S - now_s, 0), self._write_blocks, later)
+        self._next_block = self._hardware.later(max(later * BLOCK_S - now_s, 0), self._write_blocks, later)
 
     def _check_awake(self) -> None:
         """Raise DeviceError after a suspend, which times of samples leave out while motion goes on."""
-        slept_s = suspended_s() - self._suspended_s
+        slept_s = self._hardware.suspended_s() - self._suspended_s
         if slept_s > _LONGEST_SLEEP_S:
             raise DeviceError(
                 f"the computer was suspended for {slept_s:.1f} s during the recording, and no sample was taken then: "
@@ -167,32 +187,33 @@ class Recorder:
 
     def _write(self, instrument: Instrument) -> None:
         block = instrument.take()
-        if block.lost != 0 and self._run is not None:
-            self._run.count_lost(instrument.name, block.lost)
-        if len(block.columns[0]) and self._run is not None:
-            self._run.append(instrument.name, block.columns)
-        at_rest = self.seconds < self.tare_s
-        self.progress[instrument.name].add(block, self._loop.seconds(), at_rest=at_rest)
+        if block.lost != 0:
+            self._sink.count_lost(instrument.name, block.lost)
+        if len(block.columns[0]):
+            self._sink.append(instrument.name, block.columns)
+            self._notice(instrument.name, block.columns)
+        at_rest = self.seconds < self._tare_s
+        self.progress[instrument.name].add(block, self._hardware.seconds(), at_rest=at_rest)
         if block.fault:
             raise DeviceError(block.fault)
 
     def _sync(self) -> None:
         """Sync rows to the disk on another thread, never twice at once."""
-        if self._run is None or self._syncing or not hasattr(self._loop, "getThreadPool"):
+        if self._syncing:
             return
         self._syncing = True
 
         def synced(_: object) -> None:
             self._syncing = False
 
-        deferToThreadPool(self._loop, self._loop.getThreadPool(), self._run.sync).addBoth(synced)
+        self._hardware.in_thread(self._sink.sync).addBoth(synced)
 
-    async def _stop(self) -> list[Exception]:
+    async def _stop(self, started: Sequence[Instrument]) -> list[Exception]:
         """Stop every device, even if others fail, and write their last rows; return the failures."""
         if self._next_block is not None and self._next_block.active():
             self._next_block.cancel()
         failed: list[Exception] = []
-        for instrument in self._instruments:
+        for instrument in started:
             with _noted(failed):
                 await instrument.stop()
             with _noted(failed):
@@ -200,8 +221,7 @@ class Recorder:
             with _noted(failed):
                 instrument.close()
             with _noted(failed):
-                if self._run is not None:
-                    self._run.describe(instrument.name, instrument.facts())
+                self._sink.describe(instrument.name, instrument.facts())
         return failed
 
 
@@ -223,13 +243,3 @@ def _noted(failed: list[Exception]) -> Iterator[None]:
         yield
     except Exception as error:
         failed.append(error)
-
-
-def sleep(loop: Any, seconds: float) -> Deferred[None]:
-    """Return a Deferred that fires after `seconds` of the loop's time."""
-    return deferLater(loop, seconds, lambda: None)
-
-
-def no_rows(columns: int) -> tuple[npt.NDArray[np.float64], ...]:
-    """Return the columns of a block without rows."""
-    return tuple(np.empty(0) for _ in range(columns))

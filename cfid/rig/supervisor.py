@@ -11,10 +11,10 @@ from twisted.internet.base import DelayedCall
 from twisted.internet.defer import CancelledError, Deferred, succeed
 
 from cfid.errors import DeviceError
-from cfid.rig.clock import HostClock
-from cfid.rig.log_block import LogBlock
-from cfid.rig.recorder import Block, no_rows, sleep
-from cfid.rig.vehicle import OnALink, Vehicle
+from cfid.records.run import DeviceRecord
+from cfid.rig.hardware import Hardware
+from cfid.rig.instrument import Block, Instrument
+from cfid.rig.vehicle import LogBlock, Vehicle
 from cfid.wire.crtp import LOG_DATA_CHANNEL, LOG_PORT
 from cfid.wire.supervisor import (
     ASK_STATE,
@@ -47,12 +47,12 @@ class Supervisor:
         """Take a vehicle."""
         self.state: VehicleState | None = None
         self.seen_s = -np.inf
-        self._vehicle, self._protocol = vehicle, vehicle.wire.firmware_protocol
-        self._is_logged = self._protocol < PORT_SINCE and vehicle.wire.variable(INFO_VARIABLE) is not None
+        self._vehicle, self._protocol = vehicle, vehicle.link.firmware_protocol
+        self._is_logged = self._protocol < PORT_SINCE and vehicle.link.variable(INFO_VARIABLE) is not None
         self._block: LogBlock | None = None
         self._beginning: Deferred[None] = succeed(None)
         self._logged_s = -np.inf
-        self._handlers: list[Callable[[VehicleState, float], None]] = []
+        self._handle: Callable[[VehicleState, float], None] | None = None
         vehicle.listen(SUPERVISOR_PORT, INFO_CHANNEL, self._take_answer)
         vehicle.listen(LOG_PORT, LOG_DATA_CHANNEL, self._take_row)
 
@@ -61,16 +61,16 @@ class Supervisor:
         """Whether this firmware reports its state at all."""
         return self._protocol >= PORT_SINCE or self._is_logged
 
-    def watch(self, handle: Callable[[VehicleState, float], None]) -> None:
-        """Call `handle` with each state that is reported and the monotonic time of its arrival."""
-        self._handlers.append(handle)
+    def watch(self, handle: Callable[[VehicleState, float], None] | None) -> None:
+        """Call `handle` with each state that is reported and the monotonic time of its arrival; None ends that."""
+        self._handle = handle
 
     def ask(self) -> None:
         """Request the state without waiting. Raises DeviceError when the link is gone."""
         if self._protocol >= PORT_SINCE:
-            self._vehicle.wire.send(ASK_STATE)
+            self._vehicle.link.send(ASK_STATE)
             return
-        quiet_s = self._vehicle.loop.seconds() - max(self._logged_s, self.seen_s)
+        quiet_s = self._vehicle.hardware.seconds() - max(self._logged_s, self.seen_s)
         if self._is_logged and self._beginning.called and quiet_s > _QUIET_S:
             self._beginning = Deferred.fromCoroutine(self._log_state())
             self._beginning.addErrback(lambda failure: failure.trap(DeviceError, CancelledError))
@@ -82,18 +82,24 @@ class Supervisor:
         if block is not None:
             await block.delete()
 
+    async def close(self) -> None:
+        """End the reports for good."""
+        await self.end()
+        self._vehicle.ignore(SUPERVISOR_PORT, INFO_CHANNEL, self._take_answer)
+        self._vehicle.ignore(LOG_PORT, LOG_DATA_CHANNEL, self._take_row)
+
     async def wait(self, holds: Callable[[VehicleState], bool], *, within_s: float) -> VehicleState | None:
         """Return the first state reported from now on for which `holds` is true, None when none arrives in time.
 
         Returns the latest state at once where the firmware reports no state. Raises DeviceError when the link is gone.
         """
-        begun_s = self._vehicle.loop.seconds()
+        begun_s = self._vehicle.hardware.seconds()
         while self.reports:
             self.ask()
-            await sleep(self._vehicle.loop, _AGAIN_S)
+            await self._vehicle.hardware.sleep(_AGAIN_S)
             if self.seen_s > begun_s and self.state is not None and holds(self.state):
                 return self.state
-            if self._vehicle.loop.seconds() - begun_s > within_s:
+            if self._vehicle.hardware.seconds() - begun_s > within_s:
                 return None
         return self.state
 
@@ -117,7 +123,7 @@ class Supervisor:
         await self.wait(lambda state: bool(state.remedy) or _settled(state), within_s=_BACK_S)
         if self.state is not None and self.state.arms_itself and self.state.can_fly:
             await self.request_arming(arm=False)
-            await sleep(self._vehicle.loop, EVERY_S)  # within which it updates its state
+            await self._vehicle.hardware.sleep(EVERY_S)  # within which it updates its state
             await self.wait(lambda state: bool(state.remedy) or state.can_fly, within_s=_BACK_S)
         if self.state is not None and _waits_for_arming(self.state):
             if await self.request_arming() is False:
@@ -154,7 +160,7 @@ class Supervisor:
             await self._block.delete()
         self._block = LogBlock(self._vehicle, [INFO_VARIABLE])
         await self._block.start(round(1000 * EVERY_S))
-        self._logged_s = self._vehicle.loop.seconds()
+        self._logged_s = self._vehicle.hardware.seconds()
 
     def _take_row(self, payload: bytes, arrived_s: float) -> None:
         row = None if self._block is None else self._block.row(payload)
@@ -163,8 +169,8 @@ class Supervisor:
 
     def _note(self, state: VehicleState, arrived_s: float) -> None:
         self.state, self.seen_s = state, arrived_s
-        for handle in self._handlers:
-            handle(state, arrived_s)
+        if self._handle is not None:
+            self._handle(state, arrived_s)
 
 
 async def present_state(vehicle: Vehicle) -> VehicleState | None:
@@ -173,7 +179,7 @@ async def present_state(vehicle: Vehicle) -> VehicleState | None:
     try:
         state = await supervisor.wait(lambda _: True, within_s=_PRESENT_S)
     finally:
-        await supervisor.end()
+        await supervisor.close()
     if state is None and supervisor.reports:
         raise DeviceError(f"{vehicle.uri}: the vehicle did not report its state: the link loses packets.")
     return state
@@ -188,7 +194,7 @@ def _settled(state: VehicleState) -> bool:
     return state.can_fly or (_waits_for_arming(state) and not state.arms_itself)
 
 
-class SupervisorLog(OnALink):
+class SupervisorLog(Instrument):
     """Records the supervisor: a row for each change of its state word.
 
     A state in which no motor may run ends the run where motors are meant to turn.
@@ -196,18 +202,22 @@ class SupervisorLog(OnALink):
 
     name = "supervisor"
     columns = ("t", "state")
+    eventful = True
 
-    def __init__(self, supervisor: Supervisor, vehicle: Vehicle, *, loop: Any, clock: HostClock) -> None:
+    def __init__(self, supervisor: Supervisor, vehicle: Vehicle, record: DeviceRecord) -> None:
         """Take the supervisor of a vehicle."""
-        self._supervisor, self._vehicle, self._loop, self._clock = supervisor, vehicle, loop, clock
+        self.record = record
+        self._supervisor, self._vehicle = supervisor, vehicle
         self._rows: list[tuple[float, VehicleState]] = []
         self._states: list[VehicleState] = []
         self._next: DelayedCall | None = None
         self._unanswered = 0  # polls, which a suspended program does not send
-        supervisor.watch(self._take)
 
-    def start(self) -> None:
+    def start(self, hardware: Hardware) -> None:
         """Begin to poll."""
+        self._hardware = hardware
+        self._vehicle.begin()
+        self._supervisor.watch(self._take)
         self._poll()
 
     def take(self) -> Block:
@@ -215,8 +225,8 @@ class SupervisorLog(OnALink):
         rows, self._rows = self._rows, []
         state, fault = self._supervisor.state, self._fault()
         if not rows:
-            return Block(no_rows(len(self.columns)), fault=fault, status=_status(state))
-        times_s = self._clock.unix_s(np.array([time_s for time_s, _ in rows]))
+            return self.no_rows(fault=fault, status=_status(state))
+        times_s = self._hardware.clock.unix_s(np.array([time_s for time_s, _ in rows]))
         words = np.array([int(state.bits) for _, state in rows], dtype=np.int64)
         return Block((times_s, words), fault=fault, status=_status(rows[-1][1]))
 
@@ -230,6 +240,10 @@ class SupervisorLog(OnALink):
             await self._supervisor.end()
         except DeviceError:  # the link is gone: the last known state stays
             return
+
+    def close(self) -> None:
+        """Take no further state."""
+        self._supervisor.watch(None)
 
     def facts(self) -> Mapping[str, Any]:
         """Return the states before and after by name."""
@@ -247,7 +261,7 @@ class SupervisorLog(OnALink):
         return f"{uri}: the vehicle has not reported its state for {unreported_s:.1f} s: does another program use it?"
 
     def _poll(self) -> None:
-        self._next = self._loop.callLater(EVERY_S, self._poll)
+        self._next = self._hardware.later(EVERY_S, self._poll)
         self._unanswered += 1
         try:
             self._supervisor.ask()

@@ -9,6 +9,7 @@ from platformdirs import user_cache_path
 
 from cfid.errors import ConfigError, DeviceError
 from cfid.records.files import write_whole
+from cfid.rig.hardware import Hardware
 from cfid.rig.link import Link
 from cfid.rig.vehicle import Vehicle, asked
 from cfid.wire import crtp
@@ -23,19 +24,20 @@ _CONNECT_S = 30.0  # tables of a real vehicle come in a second
 _AT_ONCE = 8  # requests for entries; a radio link holds some more
 
 
-def connect(uri: str) -> Link:
+def connect(uri: str, hardware: Hardware) -> Vehicle:
     """Open a link and read the vehicle's tables; log blocks of earlier connections are deleted.
 
     Raises DeviceError naming how far that got: no such address, no radio, no answer, not a Crazyflie, too old, a link
     that loses packets.
     """
-    link = Link(uri)
+    link = hardware.link(uri)
     try:
-        asked(link, partial(_read, link))
+        vehicle = Vehicle(link, hardware)
+        asked(vehicle, partial(_read, link))
     except BaseException:
         link.close()
         raise
-    return link
+    return vehicle
 
 
 async def _read(link: Link, vehicle: Vehicle) -> None:
@@ -45,7 +47,7 @@ async def _read(link: Link, vehicle: Vehicle) -> None:
             f"{link.uri}: the vehicle speaks version {link.firmware_protocol} of its protocol, cfid needs "
             f"{OLDEST_PROTOCOL} or newer: update its firmware."
         )
-    end_s = vehicle.loop.seconds() + _CONNECT_S
+    end_s = vehicle.hardware.seconds() + _CONNECT_S
     reset = Packet(LOG_PORT, LOG_CONTROL_CHANNEL, crtp.RESET_LOG)
 
     def is_reset(payload: bytes) -> bool | None:
@@ -104,7 +106,7 @@ async def _entries(link: Link, vehicle: Vehicle, port: int, info: TableInfo, end
                 entries[entry[1].number] = entry
             return True if entries.keys() >= set(missing) else None
 
-        if vehicle.loop.seconds() > end_s:
+        if vehicle.hardware.seconds() > end_s:
             raise _incomplete(link)
         for number in missing:
             vehicle.send(port, TABLE_CHANNEL, crtp.encode_table_entry(number))

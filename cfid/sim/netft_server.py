@@ -161,7 +161,7 @@ def _page(box: FaultyNetFT, received: bytes, now_s: float) -> _Reply:
     if _BLANK_LINE not in received:
         return _Reply(b"", received, over=len(received) > _LONGEST_HTTP_REQUEST)
     fields = received.split(b"\r\n", 1)[0].decode("latin-1").split()
-    body = _body(box, fields[1]) if len(fields) == 3 and fields[0] == "GET" else None
+    body = page_of(box, fields[1]) if len(fields) == 3 and fields[0] == "GET" else None
     status = "404 Not Found" if body is None else "200 OK"
     content = (body or "").encode()
     kind = "text/xml" if body and body.startswith("<?xml") else "text/html"
@@ -169,7 +169,8 @@ def _page(box: FaultyNetFT, received: bytes, now_s: float) -> _Reply:
     return _Reply(head.encode() + content, received, over=True)
 
 
-def _body(box: FaultyNetFT, path_and_query: str) -> str | None:
+def page_of(box: FaultyNetFT, path_and_query: str) -> str | None:
+    """Return the page at a path, None where the box has none; a setting in its query is applied."""
     target = urlsplit(path_and_query)
     if target.path == CONFIGURATION_PATH:
         index = parse_qs(target.query).get("index", [""])[-1]

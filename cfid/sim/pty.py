@@ -50,70 +50,100 @@ class InOrder:
             self._send(self._replies.popleft()[1])
 
 
-class PtyPort:
-    """A device on a terminal behind the symlink `name` in a folder, so that its path survives a pulled plug."""
+class DevicePort:
+    """A device behind a serial port on any clock: its replies in order, its continuous output, its pulled plug."""
 
-    def __init__(self, device: FaultyE201, *, reactor: PosixReactorBase, folder: Path, name: str = "encoder") -> None:
-        """Open nothing yet."""
-        self._device = device
-        self._reactor = reactor
-        self._path = folder / name
-        self._end: _DeviceEnd | None = None
-        self._replies = InOrder(self._write, clock=reactor)
+    def __init__(self, device: FaultyE201, *, clock: Any) -> None:
+        """Open nothing yet; `clock` is the reactor, or Twisted's Clock."""
+        self._device, self._clock = device, clock
+        self._replies = InOrder(self.write, clock=clock)
         self._timers: list[DelayedCall] = []
 
-    def open(self) -> Path:
-        """Plug the device in; return its path, which stays the same after it was unplugged."""
-        self._plug()
+    def begin(self) -> None:
+        """Plug the device in; from now on it sends by itself, and its plug may be pulled."""
+        self.plug()
         if self._device.continuous:
             self._after(_CONTINUOUS_EVERY_S, self._continue)
         faults = self._device.faults
         if faults.unplug_after_s is not None:
-            self._after(faults.unplug_after_s, self._unplug)
-            self._after(faults.unplug_after_s + faults.unplug_for_s, self._plug)
-        return self._path
+            self._after(faults.unplug_after_s, self._pull)
+            self._after(faults.unplug_after_s + faults.unplug_for_s, self.plug)
 
     def close(self) -> None:
-        """Unplug the device for good: a host that has it open sees a hang-up."""
+        """Unplug the device for good."""
         for timer in self._timers:
             if timer.active():
                 timer.cancel()
         self._timers = []
-        self._unplug()
+        self._pull()
 
     def received(self, data: bytes) -> None:
         """Take the bytes that the host wrote."""
         was_continuous = self._device.continuous
-        self._replies.send(self._device.received(data, self._reactor.seconds()))
+        self._replies.send(self._device.received(data, self._clock.seconds()))
         if self._device.continuous and not was_continuous:
             self._after(_CONTINUOUS_EVERY_S, self._continue)
 
-    def _plug(self) -> None:
+    def plug(self) -> None:
+        """Connect the device to the host."""
+        raise NotImplementedError
+
+    def unplug(self) -> None:
+        """Disconnect it: a host that has it open sees a hang-up."""
+        raise NotImplementedError
+
+    def write(self, reply: bytes) -> None:
+        """Send a reply to the host, if it is connected."""
+        raise NotImplementedError
+
+    def _pull(self) -> None:
+        self._replies.drop()
+        self.unplug()
+
+    def _continue(self) -> None:
+        if self._device.continuous:
+            self._replies.send(self._device.due(self._clock.seconds()))
+            self._after(_CONTINUOUS_EVERY_S, self._continue)
+
+    def _after(self, delay_s: float, act: Callable[[], None]) -> None:
+        self._timers = [timer for timer in self._timers if timer.active()]
+        self._timers.append(self._clock.callLater(delay_s, act))
+
+
+class PtyPort(DevicePort):
+    """A device on a terminal behind the symlink `name` in a folder, so that its path survives a pulled plug."""
+
+    def __init__(self, device: FaultyE201, *, reactor: PosixReactorBase, folder: Path, name: str = "encoder") -> None:
+        """Open nothing yet."""
+        super().__init__(device, clock=reactor)
+        self._reactor = reactor
+        self._path = folder / name
+        self._end: _DeviceEnd | None = None
+
+    def open(self) -> Path:
+        """Plug the device in; return its path, which stays the same after it was unplugged."""
+        self.begin()
+        return self._path
+
+    def plug(self) -> None:
+        """Open a terminal, and lead the path to it."""
         self._end = _DeviceEnd(self, self._reactor)
         self._end.startReading()
         self._path.unlink(missing_ok=True)
         self._path.symlink_to(self._end.host_path)
 
-    def _unplug(self) -> None:
+    def unplug(self) -> None:
+        """Close the terminal."""
         self._path.unlink(missing_ok=True)
-        self._replies.drop()
         if self._end is not None:
             self._end.stopReading()
             self._end.close()
             self._end = None
 
-    def _continue(self) -> None:
-        if self._device.continuous:
-            self._replies.send(self._device.due(self._reactor.seconds()))
-            self._after(_CONTINUOUS_EVERY_S, self._continue)
-
-    def _write(self, reply: bytes) -> None:
+    def write(self, reply: bytes) -> None:
+        """Send a reply to the host."""
         if self._end is not None:
             self._end.send(reply)
-
-    def _after(self, delay_s: float, act: Callable[[], None]) -> None:
-        self._timers = [timer for timer in self._timers if timer.active()]
-        self._timers.append(self._reactor.callLater(delay_s, act))
 
 
 class _DeviceEnd(FileDescriptor):

@@ -6,8 +6,7 @@ from pathlib import Path
 from cfid.errors import DataError
 from cfid.records.files import RUN_FILE
 from cfid.records.run import RunHeader, read_run
-from cfid.rig.address import resolved
-from cfid.rig.lock import vehicles_locked
+from cfid.rig.lock import resolved, vehicles_locked
 
 _MOST_RUNS = 4096  # whose run.toml is remembered
 

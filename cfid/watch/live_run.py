@@ -15,7 +15,7 @@ from cfid.recordings.vehicle import READINGS, SUPERVISOR, VEHICLE_LOG
 from cfid.recordings.wrench import LOADCELL
 from cfid.records.files import RUN_FILE
 from cfid.records.run import DeviceRecord, Run, RunHeader, is_written, number_of, read_run
-from cfid.rig.log_block import BATTERY
+from cfid.rig.vehicle import BATTERY
 from cfid.transfer.sines.plan import SAMPLE_S
 from cfid.watch.driven import vehicles_of, vehicles_recorded
 from cfid.watch.signals import Trace, signals_of

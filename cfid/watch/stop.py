@@ -10,10 +10,9 @@ from cfid.console.processes import cfid_command
 from cfid.errors import ConfigError
 from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import load_rig
-from cfid.rig.address import resolved
-from cfid.rig.lock import vehicles_locked
-from cfid.rig.motors import MAY_BE_RUNNING
+from cfid.rig.lock import resolved, vehicles_locked
 from cfid.rig.sim_file import devices_in
+from cfid.rig.stop import MAY_BE_RUNNING
 from cfid.watch.driven import vehicles_of
 from cfid.watch.live_run import LiveRun
 from cfid.watch.watched import Watched

@@ -15,7 +15,7 @@ from serial.tools import list_ports
 from cfid.wire.e201 import CONTINUOUS, PRODUCT, USB_VENDOR
 from cfid.wire.rls import STEPS_PER_TURN, decode_words
 from tests.known import known
-from tests.rig_in_a_folder import ENCODER_HZ, Lab, lab_in
+from tests.virtual_lab import ENCODER_HZ, Lab, lab_in
 
 LOG = ("log", "encoder")
 FIRST = ENCODER_HZ // 3  # rows to wait for

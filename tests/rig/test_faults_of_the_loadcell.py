@@ -16,7 +16,7 @@ import pytest
 from cfid.sim.netft_server import BoxPorts
 from cfid.wire.rdt import Command, Request, encode_request
 from tests.known import known
-from tests.rig_in_a_folder import LOADCELL_HZ, Lab, lab_in, wait_until
+from tests.virtual_lab import LOADCELL_HZ, Lab, lab_in, wait_until
 
 LOG = ("log", "loadcell")
 BLOCK = 14  # records per datagram

@@ -164,7 +164,8 @@ def wind(
     from cfid.drag.wind.plan import KIND, missing_lines
     from cfid.motors.record import record_forces
 
-    rig = campaign, _, simulated = rig_of(keep.campaign)
+    rig = rig_of(keep.campaign)
+    campaign, simulated = rig.campaign, rig.simulated
     if sweep.dry_run and options.wind is None and resume.word is None:
         announce(sweep.staircase())
         for line in missing_lines(_recorded(campaign, simulated=simulated)):

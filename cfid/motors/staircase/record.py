@@ -7,13 +7,12 @@ from cfid.console.live import LiveLine
 from cfid.counted import counted
 from cfid.motors.plan import StaircasePlan
 from cfid.motors.typed import Expected
-from cfid.rig.hand_held import Readings
-from cfid.rig.log import Procedure
-from cfid.rig.loop import Loop
+from cfid.rig.hardware import Hardware
 from cfid.rig.motor_commands import MotorCommands, four
 from cfid.rig.motors import STILL
 from cfid.rig.questions import LATE, UNDO, Answer, Questions
-from cfid.rig.recorder import sleep
+from cfid.rig.readings import Readings
+from cfid.rig.run import Procedure
 
 _LAST = "Enter ends, u undoes {value:g}"
 
@@ -31,12 +30,12 @@ def procedure_of(
     With `tare`, a pause precedes the first command, and no question is asked about rotors at rest.
     """
     if question is None:
-        return lambda there, loop: run_staircase(staircase, there["commands"], loop=loop, tell=live.task)
+        return lambda there, hardware: run_staircase(staircase, there["commands"], hardware=hardware, tell=live.task)
 
     live.left(_steps_left(len(staircase.steps)))
 
-    async def read(there: Mapping[str, Any], loop: Loop) -> None:
-        questions = Questions(loop=loop, tell=live.ask, say=live.tell)
+    async def read(there: Mapping[str, Any], hardware: Hardware) -> None:
+        questions = Questions(hardware=hardware, tell=live.ask, say=live.tell)
         readings: Readings = there["readings"]
 
         async def ask(command: int) -> float | Answer | None:
@@ -73,9 +72,9 @@ def procedure_of(
         questions.open()
         try:
             if tare:
-                await sleep(loop, staircase.rest_s)
+                await hardware.sleep(staircase.rest_s)
             await read_at_steps(
-                staircase, there["commands"], readings, ask, undone, resumed=resumed, loop=loop, live=live
+                staircase, there["commands"], readings, ask, undone, resumed=resumed, hardware=hardware, live=live
             )
         finally:
             questions.close()
@@ -91,16 +90,16 @@ def _steps_left(count: int) -> str:
     return f"{counted(count, 'step')} left"
 
 
-async def run_staircase(staircase: StaircasePlan, commands: MotorCommands, *, loop: Any, tell: Tell) -> None:
+async def run_staircase(staircase: StaircasePlan, commands: MotorCommands, *, hardware: Hardware, tell: Tell) -> None:
     """Hold each command, then pause (section 3.3.1); other times are recorded as pauses."""
-    await sleep(loop, staircase.rest_s)
+    await hardware.sleep(staircase.rest_s)
     for count, step in enumerate(staircase.steps):
         tell(f"command {step} ({count + 1} of {len(staircase.steps)})")
         await commands.set(four(step, staircase.motors))
-        await sleep(loop, staircase.hold_s)
-        commands.whole = count + 1 == len(staircase.steps)  # whatever ends it from now on, no step is lost
+        await hardware.sleep(staircase.hold_s)
+        commands.is_whole = count + 1 == len(staircase.steps)  # whatever ends it from now on, no step is lost
         await commands.set(STILL)
-        await sleep(loop, staircase.rest_s)
+        await hardware.sleep(staircase.rest_s)
 
 
 async def read_at_steps(
@@ -111,7 +110,7 @@ async def read_at_steps(
     undone: Undone,
     *,
     resumed: Resumed,
-    loop: Any,
+    hardware: Hardware,
     live: LiveLine,
 ) -> None:
     """Hold each command until the operator has read an instrument, then pause (sections 3.3.1 and 3.3.2).
@@ -123,8 +122,8 @@ async def read_at_steps(
 
     async def answered(step: int) -> float | Answer | None:
         """Return the answer of an operator, while the line counts down the wait."""
-        end_s, count = loop.seconds() + (staircase.wait_s or 0), _steps_left(1 + len(left))
-        live.left(lambda: f"{count}, pause in {max(end_s - loop.seconds(), 0):.0f} s" if step else count)
+        end_s, count = hardware.seconds() + (staircase.wait_s or 0), _steps_left(1 + len(left))
+        live.left(lambda: f"{count}, pause in {max(end_s - hardware.seconds(), 0):.0f} s" if step else count)
         return await ask(step)
 
     while left:
@@ -134,7 +133,7 @@ async def read_at_steps(
         while value is LATE:
             live.task(f"command {step}")
             await commands.set(four(step, staircase.motors))
-            await sleep(loop, staircase.hold_s)
+            await hardware.sleep(staircase.hold_s)
             while (value := await answered(step)) is UNDO:
                 back = readings.withdraw()
                 live.tell("there is no reading to take back." if back is None else _taken_back(*back))
@@ -146,14 +145,14 @@ async def read_at_steps(
                 await resumed(step)
         if isinstance(value, float):
             readings.add(step, value)
-        readings.whole = not left  # from now on Ctrl-C ends the run as Enter does
+        readings.is_whole = not left  # from now on Ctrl-C ends the run as Enter does
         await commands.set(STILL)
-        await sleep(loop, staircase.rest_s)
+        await hardware.sleep(staircase.rest_s)
         if left:
             continue
         live.left("all steps read")
         live.task("motors off")
         if await undone() and (back := readings.withdraw()) is not None:
-            readings.whole = False
+            readings.is_whole = False
             live.tell(_taken_back(*back, held="now"))
             left = [back[0]]

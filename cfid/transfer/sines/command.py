@@ -203,7 +203,8 @@ def sine(
     before_s = positive(options.before, "--before", most=_MOST_BEFORE_S)
     if resume.word is None:
         sweep = options.chosen()  # invalid options are refused before the search for devices
-    rig = campaign, _, simulated = rig_of(keep.campaign)
+    rig = rig_of(keep.campaign)
+    campaign, simulated = rig.campaign, rig.simulated
     if resume.word is not None:
         sweep = options.chosen(None if resume.run is None else _series_of(resume.run, campaign))
     recorded = campaign.runs(complete=False)

@@ -19,11 +19,11 @@ from cfid.estimate.battery_endurance import Held
 from cfid.records.campaign import Campaign
 from cfid.records.rig_file import LoadCellBox, LoadCellLines
 from cfid.records.run import Label, Run
-from cfid.rig.crossings import Crossings
-from cfid.rig.device import Device
-from cfid.rig.log import Plan
-from cfid.rig.ready_sensors import ready_loadcell
-from cfid.rig.recorder import sleep
+from cfid.rig.hardware import Hardware
+from cfid.rig.instrument import Instrument
+from cfid.rig.run import Plan
+from cfid.rig.sensors import ready_loadcell
+from cfid.rig.sine import Crossings
 from cfid.transfer.sines.during import Felt
 from cfid.transfer.sines.plan import PLANNED, Sine
 from cfid.units import FULL_COMMAND, MOTORS
@@ -50,13 +50,13 @@ def record_sines(
     `planned` are the l of the whole series; if there are several, each run states them. `show` gets each run at its
     end. Raises ConfigError or DeviceError before the first motor turns.
     """
-    campaign, devices, simulated = rig
-    cell = devices.loadcell.sampled_at(rate_hz)
+    campaign = rig.campaign
+    cell = rig.devices.loadcell.sampled_at(rate_hz)
     live, runs = LiveLine(quiet=quiet), []
     failure: CfidError | None = None
     with ExitStack() as held:
-        crazyflie = reach(vehicle, devices, held, simulated=simulated)
-        reports = crazyflie.crossings()  # refuses a vehicle without sines before the operator has to do anything
+        crazyflie = reach(vehicle, rig, held)
+        crazyflie.crossings()  # refuses a vehicle without sines before the operator has to do anything
         amplitude = int(sines[0].amplitude)
         least, largest = max(MIDDLE - amplitude, 1), min(MIDDLE + amplitude, FULL_COMMAND)
         turning = [(motor,) if motor else MOTORS for motor in dict.fromkeys(sine.motor for sine in sines)]
@@ -66,21 +66,20 @@ def record_sines(
         refuse(crazyflie, sorted({*chain(*turning)}), (least, largest))
         held_in_all = [held for sine in sines for held in sine.held(each_s)]
         effort += (
-            NOT_READ
-            if vehicle.no_preflight
-            else _quick(cell, crazyflie.usual_log(log_ms), held_in_all, campaign.rig.vehicle.mass_kg)
+            NOT_READ if vehicle.no_preflight else _quick(cell, rig, lambda: crazyflie.usual_log(log_ms), held_in_all)
         )
         confirm(crazyflie, sorted({*chain(*turning)}), (least, largest), yes=vehicle.yes, effort=effort, ring=live.ring)
         for count, sine in enumerate(sines):
             name = f"l = {sine.periods} ({count + 1} of {len(sines)})"
             live.task(f"{name}: pause")
             tell = partial(_show_task, live, name)
-            plan = plan_sine(sine, campaign, before_s=before_s, note=note, simulated=simulated, tell=tell)
+            plan = plan_sine(sine, campaign, before_s=before_s, note=note, simulated=rig.simulated, tell=tell)
             requested = {**plan.requested, **({PLANNED: list(planned)} if len(planned) > 1 else {})}
             # Including the runs after this one.
             plan = replace(plan, requested=requested, lasts_s=(len(sines) - count) * each_s)
             frequency_rad_s = sine.omega_rad * SAMPLES_PER_S
-            run, failure = _play(plan, [reports, *crazyflie.watch(log_ms)], cell, live, frequency_rad_s)
+            parts = [crazyflie.crossings(), *crazyflie.watch(log_ms)]
+            run, failure = _play(plan, parts, cell, live, frequency_rad_s, hardware=rig.hardware)
             if run is not None:
                 run = judged(run, judge)
                 runs.append(summary("log sine", run, failure))
@@ -90,10 +89,11 @@ def record_sines(
     return runs, failure
 
 
-def _quick(cell: LoadCellBox | LoadCellLines, log: Device, plan: Sequence[Held], mass_kg: float) -> str:
+def _quick(cell: LoadCellBox | LoadCellLines, rig: Rig, log: Callable[[], Instrument], plan: Sequence[Held]) -> str:
     with ExitStack() as stream:
-        loadcell = ready_loadcell(cell, stream, buffered=True, bias=False, say=speech, patient=False)
-        return quick([loadcell, log], plan, mass_kg=mass_kg)
+        loadcell = ready_loadcell(cell, rig.hardware, stream, say=speech, patient=False)
+        mass_kg = rig.campaign.rig.vehicle.mass_kg
+        return quick(lambda: [loadcell.again(), log()], plan, rig.hardware, mass_kg=mass_kg)
 
 
 def _show_task(live: LiveLine, name: str, text: str) -> None:
@@ -102,20 +102,23 @@ def _show_task(live: LiveLine, name: str, text: str) -> None:
 
 def _play(
     plan: Plan,
-    vehicle: Sequence[Device],
+    vehicle: Sequence[Instrument],
     cell: LoadCellBox | LoadCellLines,
     live: LiveLine,
     frequency_rad_s: float,
+    *,
+    hardware: Hardware,
 ) -> tuple[Run | None, CfidError | None]:
     reports, *others = vehicle
     with ExitStack() as stream:
         try:
-            loadcell = ready_loadcell(cell, stream, buffered=True, bias=False, say=live.say, patient=False)
+            loadcell = ready_loadcell(cell, hardware, stream, say=live.say, patient=False)
         except CfidError as error:
             return None, error
         counts_per_n = (loadcell.record.model_extra or {}).get("counts_per_n")  # None for a cell that sends lines
-        notice = Felt(frequency_rad_s, counts_per_n) if counts_per_n else None
-        return attempt(replace(plan, notice=notice), [reports, loadcell, *others], live)
+        if counts_per_n:
+            plan = replace(plan, notice=Felt(frequency_rad_s, counts_per_n))
+        return attempt(plan, [reports, loadcell, *others], hardware, live)
 
 
 def plan_sine(
@@ -132,8 +135,8 @@ def plan_sine(
         runs_folder=campaign.runs_folder,
         kind=f"sine_l{sine.periods}",
         label=Label(note=note),
-        procedure=lambda there, loop: play_sine(
-            sine.request(), there["crossings"], before_s=before_s, loop=loop, tell=tell
+        procedure=lambda there, hardware: play_sine(
+            sine.request(), there["crossings"], before_s=before_s, hardware=hardware, tell=tell
         ),
         tare_s=before_s,
         facts=campaign.rig.facts,
@@ -143,9 +146,9 @@ def plan_sine(
 
 
 async def play_sine(
-    request: SineRequest, crossings: Crossings, *, before_s: float, loop: Any, tell: Callable[[str], None]
+    request: SineRequest, crossings: Crossings, *, before_s: float, hardware: Hardware, tell: Callable[[str], None]
 ) -> None:
     """Pause, for the load cell's bias, then play one sine to its end (section 3.4.2)."""
-    await sleep(loop, before_s)
+    await hardware.sleep(before_s)
     tell("playing")
     await crossings.play(request)

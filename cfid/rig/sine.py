@@ -8,11 +8,12 @@ from twisted.internet.defer import Deferred
 
 from cfid.counted import counted
 from cfid.errors import DeviceError
+from cfid.records.run import DeviceRecord
 from cfid.rig.app_motors import AppMotors
-from cfid.rig.clock import HostClock
+from cfid.rig.hardware import Hardware
+from cfid.rig.instrument import Block, Instrument
 from cfid.rig.motors import STOPPED, Firmware
-from cfid.rig.recorder import Block, no_rows
-from cfid.rig.vehicle import OnALink, Vehicle
+from cfid.rig.vehicle import Vehicle
 from cfid.wire import app
 from cfid.wire.app import AppOutcome, Crossing, Done, SineChannel, SineRequest
 
@@ -29,16 +30,18 @@ _OUTCOMES: Mapping[int | None, str] = {
 }
 
 
-class Crossings(OnALink):
+class Crossings(Instrument):
     """The reports of one sine: `t` is when they arrived, beside the sample's index and the time on board."""
 
     name = "crossings"
     columns = ("t", "thrust_rec", "sample", "vehicle_us", "report")
 
-    def __init__(self, player: AppMotors, vehicle: Vehicle, firmware: Firmware, *, loop: Any, clock: HostClock) -> None:
+    eventful = True
+
+    def __init__(self, player: AppMotors, vehicle: Vehicle, firmware: Firmware, record: DeviceRecord) -> None:
         """Take the app's motors, which can play."""
-        self._player, self._loop, self._clock = player, loop, clock
-        self._vehicle = vehicle
+        self.record = record
+        self._player, self._vehicle, self._port = player, vehicle, firmware.ports.sine
         self._reports: list[tuple[float, Crossing]] = []
         self._next_report = self._missing = self._duplicates = 0
         self._rejected = self._samples = 0
@@ -46,12 +49,13 @@ class Crossings(OnALink):
         self._end: Done | None = None
         self._running = self._started = False
         self._stopped_in_s: float | None = None
-        vehicle.listen(firmware.ports.sine, SineChannel.CROSSING, self._take_crossing)
-        vehicle.listen(firmware.ports.sine, SineChannel.DONE, self._take_done)
 
-    def start(self) -> None:
+    def start(self, hardware: Hardware) -> None:
         """Begin to monitor the motors."""
+        self._hardware = hardware
         self._running = True
+        self._vehicle.listen(self._port, SineChannel.CROSSING, self._take_crossing)
+        self._vehicle.listen(self._port, SineChannel.DONE, self._take_done)
         self._player.start()
 
     async def play(self, request: SineRequest) -> Done:
@@ -63,8 +67,8 @@ class Crossings(OnALink):
         self._started, self._done, self._samples = True, Deferred(), request.samples
         await self._player.play(request)
         longest_s = lasts_s + _DONE_AFTER_S
-        silent = self._loop.callLater(_FIRST_REPORT_S, self._complain, "no report of a first sample arrived")
-        late = self._loop.callLater(1.1 * longest_s + _MARGIN_S, self._complain, "no report of its end arrived")
+        silent = self._hardware.later(_FIRST_REPORT_S, self._complain, "no report of a first sample arrived")
+        late = self._hardware.later(1.1 * longest_s + _MARGIN_S, self._complain, "no report of its end arrived")
         try:
             done = await self._done
         finally:
@@ -73,9 +77,8 @@ class Crossings(OnALink):
                 if timer.active():
                     timer.cancel()
         if done.outcome not in (None, AppOutcome.FINISHED):
-            since = f": {stalled}" if (stalled := self._vehicle.stalls.recent) else ""
             raise DeviceError(
-                f"{self._vehicle.uri}: the sine {_outcome(done)}, after {counted(done.samples or 0, 'sample')}{since}."
+                f"{self._vehicle.uri}: the sine {_outcome(done)}, after {counted(done.samples or 0, 'sample')}."
             )
         return done
 
@@ -85,8 +88,8 @@ class Crossings(OnALink):
             self._player.check()
         reports, self._reports = self._reports, []
         if not reports:
-            return Block(no_rows(len(self.columns)))
-        times_s = self._clock.unix_s(np.array([arrived_s for arrived_s, _ in reports]))
+            return self.no_rows()
+        times_s = self._hardware.clock.unix_s(np.array([arrived_s for arrived_s, _ in reports]))
         values = np.array([report for _, report in reports], dtype=np.int64)
         missing, self._missing = self._missing, 0
         return Block((times_s, *values.T), missing)
@@ -96,6 +99,11 @@ class Crossings(OnALink):
         if self._running:
             self._running = False
             self._stopped_in_s = await self._player.stop()
+
+    def close(self) -> None:
+        """Take no further report."""
+        self._vehicle.ignore(self._port, SineChannel.CROSSING, self._take_crossing)
+        self._vehicle.ignore(self._port, SineChannel.DONE, self._take_done)
 
     def facts(self) -> Mapping[str, Any]:
         """Return what the vehicle reported at the end, invalid and repeated reports, and how long the stop took."""
@@ -123,7 +131,7 @@ class Crossings(OnALink):
         self._missing, self._next_report = self._missing + missing, crossing.number + 1
         self._reports.append((arrived_s, crossing))
         if crossing.sample == self._samples and self._done is not None:  # the motors are off; the byte `a` may be lost
-            self._loop.callLater(_DONE_AFTER_S + _DONE_LATE_S, self._finish, self._done, Done(None, crossing.sample))
+            self._hardware.later(_DONE_AFTER_S + _DONE_LATE_S, self._finish, self._done, Done(None, crossing.sample))
 
     def _take_done(self, payload: bytes, arrived_s: float) -> None:
         if not self._started:  # of an earlier sine

@@ -8,20 +8,21 @@ from twisted.internet.defer import CancelledError, Deferred
 from twisted.python.failure import Failure
 
 from cfid.errors import DeviceError
-from cfid.rig.clock import HostClock
-from cfid.rig.log_block import BATTERY, LogBlock
+from cfid.records.run import DeviceRecord
+from cfid.rig.hardware import Hardware
+from cfid.rig.instrument import Block, Instrument, Silence
 from cfid.rig.motor_log import MotorWatch
-from cfid.rig.recorder import Block, no_rows
-from cfid.rig.vehicle import OnALink, Vehicle
+from cfid.rig.progress import Reading
+from cfid.rig.vehicle import BATTERY, LogBlock, Vehicle
 from cfid.wire.crtp import LOG_DATA_CHANNEL, LOG_PORT, Variable
 
 _WRAP_MS = 1 << 24
-_SILENT_S, _SILENT_PERIODS = 0.5, 5  # without a row
+_SILENT_S = 0.5  # without a row
 _ABSENT_S = 3.0  # without a row of a log without battery, as for an encoder
 _LOW_FOR_S = 0.5  # a start of the motors pulls the voltage down for a moment
 
 
-class CrazyflieLog(OnALink):
+class CrazyflieLog(Instrument):
     """One log block of the vehicle; `t` is when a row arrived, `vehicle_ms` when the vehicle made it (it wraps)."""
 
     name = "crazyflie"
@@ -30,18 +31,18 @@ class CrazyflieLog(OnALink):
         self,
         vehicle: Vehicle,
         names: Sequence[str],
+        record: DeviceRecord,
         *,
         period_ms: int,
         stop_below_v: float | None,
         idle_thrust: int = 0,
-        loop: Any,
-        clock: HostClock,
+        reading: Reading | None = None,
     ) -> None:
         """Take variables of 26 bytes at most; a battery below `stop_below_v` or disobedient motors end the run."""
-        self.columns = ("t", "vehicle_ms", *names)
+        self.record, self.reading = record, reading
         self.latest: dict[str, float] = {}
         self._names, self._period_ms, self._stop_below_v = names, period_ms, stop_below_v
-        self._vehicle, self._loop, self._clock = vehicle, loop, clock
+        self._vehicle = vehicle
         self._block = LogBlock(vehicle, names)
         self._motors = MotorWatch(vehicle, idle_thrust=idle_thrust)
         self._rows: list[tuple[float, int, tuple[float, ...]]] = []
@@ -50,26 +51,27 @@ class CrazyflieLog(OnALink):
         self._low = ""  # the fault as reported: later rows do not change it
         self._newest_ms: int | None = None
         self._rejected = self._duplicates = 0
-        self._streaming, self._received_s = False, 0.0
+        self._streaming = False
         self._refusal: BaseException | None = None
         self._beginning: Deferred[None] | None = None
-        vehicle.listen(LOG_PORT, LOG_DATA_CHANNEL, self._take_row)
 
-    def start(self) -> None:
+    def start(self, hardware: Hardware) -> None:
         """Request the rows; a refusal shows in the next block."""
-        self._vehicle.stalls.begin()
+        self._hardware = hardware
+        self._silence = Silence(hardware, period_s=self._period_ms / 1000)
+        self._vehicle.begin()
+        self._vehicle.listen(LOG_PORT, LOG_DATA_CHANNEL, self._take_row)
         self._beginning = Deferred.fromCoroutine(self._begin()).addErrback(self._refused)
 
     def take(self) -> Block:
         """Return the rows, with a fault for a low battery or disobedient motors. Raises DeviceError for a refusal."""
         if self._refusal is not None:
             raise self._refusal
-        self._vehicle.stalls.note()
         rows, self._rows = self._rows, []
         if not rows:
             self._watch()
-            return Block(no_rows(len(self.columns)))
-        times_s = self._clock.unix_s(np.array([arrived_s for arrived_s, _, _ in rows]))
+            return self.no_rows()
+        times_s = self._hardware.clock.unix_s(np.array([arrived_s for arrived_s, _, _ in rows]))
         stamps_ms = np.array([stamp_ms for _, stamp_ms, _ in rows])
         values = zip(*(row for _, _, row in rows), strict=True)
         fault = self._motors.fault or self._watch_battery(rows[-1][0])
@@ -83,13 +85,18 @@ class CrazyflieLog(OnALink):
             self._beginning.cancel()
         await self._block.delete()
 
+    def close(self) -> None:
+        """Take no further row."""
+        self._vehicle.ignore(LOG_PORT, LOG_DATA_CHANNEL, self._take_row)
+
     def facts(self) -> Mapping[str, Any]:
         """Return how many rows were invalid, and how many were duplicates."""
         return {"losses": {"rejected": self._rejected, "duplicates": self._duplicates}}
 
     async def _begin(self) -> None:
         await self._block.start(self._period_ms)
-        self._streaming, self._received_s = True, self._loop.seconds()
+        self._streaming = True
+        self._silence.end()
 
     def _refused(self, failure: Failure) -> None:
         if not failure.check(CancelledError):
@@ -107,7 +114,7 @@ class CrazyflieLog(OnALink):
             return
         self._newest_ms = row[0]
         self._rows.append((arrived_s, *row))
-        self._received_s = arrived_s
+        self._silence.end()
         self.latest = dict(zip(self._names, row[1], strict=True))
         self._motors.take(arrived_s, self.latest)
 
@@ -126,15 +133,12 @@ class CrazyflieLog(OnALink):
 
     def _watch(self) -> None:
         """Raise DeviceError when rows, and the voltage in them, stop coming: another client may have reset the log."""
-        silent_s = self._vehicle.silent_s(self._received_s)
         monitored = BATTERY in self._names
-        longest_s = max(_SILENT_S if monitored else _ABSENT_S, _SILENT_PERIODS * self._period_ms / 1000)
-        if self._streaming and silent_s > longest_s:
-            stalled = self._vehicle.stalls.recent
-            cause = f"{stalled}." if stalled else "does another program use it?"
+        if self._streaming and self._silence.exceeds(_SILENT_S if monitored else _ABSENT_S):
             consequence = ", so its battery is not monitored" if monitored else ""
             raise DeviceError(
-                f"{self._vehicle.uri}: no row of the vehicle's log for {silent_s:.1f} s{consequence}: {cause}"
+                f"{self._vehicle.uri}: no row of the vehicle's log for {self._silence.seconds:.1f} s{consequence}: "
+                "does another program use it?"
             )
 
     def _watch_battery(self, now_s: float) -> str:

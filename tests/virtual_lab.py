@@ -1,0 +1,196 @@
+"""A campaign whose encoder and load cell are simulated in virtual time, and on which `cfid` runs as for an operator."""
+
+import re
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.records.files import RIG_FILE, RUNS_FOLDER
+from cfid.records.rig_file import load_rig, new_rig_text
+from cfid.records.run import Run, read_run
+from cfid.sim.devices import SimulatedRig
+from cfid.sim.e201 import E201Device, Reply
+from cfid.sim.e201_faults import FaultyE201
+from cfid.sim.faults import SOUND_ENCODER, SOUND_LOADCELL, EncoderFaults, LoadCellFaults
+from cfid.sim.loadcell import LoadCellTruth, SimulatedLoadCell
+from cfid.sim.netft import Address, NetFTBox
+from cfid.sim.netft_faults import Datagram, FaultyNetFT
+from cfid.sim.virtual import Virtual
+from cfid.wire.e201 import STOP_CONTINUOUS, VERSION
+from cfid.wire.rdt import Command as RdtCommand
+from cfid.wire.rdt import Request, encode_request
+from tests.virtual_command import Command, PausingClock
+
+LOADCELL_HZ = 700  # instead of 7000: a tenth of the work with the same code
+ENCODER_HZ = 100
+UNIX_S = 1_763_712_345.0
+
+_SENTENCE = re.compile(r"(note: |cfid: |recording into |figure: |\S*rig.sim.toml: |\S+/port: )")
+Array = npt.NDArray[np.float64]
+
+
+class Box(FaultyNetFT):
+    """A box that remembers its last client, and counts all contacts.
+
+    A `thief` takes the stream from its present client once the stream has started.
+    """
+
+    client: Address = ("", 0)
+    contacts = 0
+    thief: Address | None = None
+
+    def due(self, now_s: float) -> list[Datagram]:
+        """Return the datagrams that leave for the client now."""
+        datagrams = super().due(now_s)
+        if datagrams and self.thief is not None:
+            self.box.request(encode_request(Request(RdtCommand.REAL_TIME, 1)), self.thief, now_s)
+        return [datagram for datagram in datagrams if datagram[1] != self.thief]
+
+    def alive(self, now_s: float) -> bool:
+        """Return whether the box answers."""
+        self.contacts += 1
+        return super().alive(now_s)
+
+    def request(self, datagram: bytes, client: Address, now_s: float) -> None:
+        """Handle an RDT request."""
+        self.client = client
+        super().request(datagram, client, now_s)
+
+
+class Interface(FaultyE201):
+    """An encoder's interface that counts requests, and requests for its version; if `unstoppable`, it ignores stops."""
+
+    contacts = introductions = 0
+    unstoppable = False
+
+    def received(self, data: bytes, now_s: float) -> list[Reply]:
+        """Return the replies to `data`, each with its delay."""
+        self.contacts += 1
+        self.introductions += data.count(VERSION)
+        return super().received(data.replace(STOP_CONTINUOUS, b"") if self.unstoppable else data, now_s)
+
+
+class Said(NamedTuple):
+    """The exit code and the output of a command that has ended."""
+
+    code: int
+    out: str
+    err: str
+
+
+class LabCommand(Command):
+    """A command that records, or asks devices."""
+
+    def __init__(self, lab: "Lab", words: tuple[object, ...], **options: Any) -> None:
+        super().__init__(lab.hardware, lab.folder, words, **options)
+        self._lab = lab
+
+    def wait_for_rows(self, count: int) -> None:
+        """Wait for `count` more rows in the file of the run that was started last."""
+        self.wait_until(lambda: self._lab.rows() is not None, "a run")
+        before = self._lab.rows() or 0
+        self.wait_until(lambda: (self._lab.rows() or 0) >= before + count, f"{count} rows")
+
+    def ask_to_end(self, number: signal.Signals = signal.SIGINT) -> Said:
+        self.request_end(number.name)
+        return self.end()
+
+    def end(self, *, streaming: bool = False) -> Said:
+        """Wait for the end; check that each line is a sentence, and that the box no longer streams."""
+        code = self.run_to_end()
+        if code != 2:  # the usage of a command is printed in a frame
+            assert all(_SENTENCE.match(line) for line in self.err.splitlines()), self.err
+        assert self._lab.box.streaming == streaming
+        return Said(code, self.out, self.err)
+
+
+class Lab:
+    """A campaign folder and its rig: a box, and an encoder."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        (folder / RIG_FILE).write_text(
+            re.sub(r"(?ms)^\[devices\.\w+\].*?(?=^\[)", "", new_rig_text())
+            + f"\n[devices.encoder]\nrate_hz = {ENCODER_HZ}.0\n[devices.loadcell]\nrate_hz = {LOADCELL_HZ}\n"
+        )
+        self.time = PausingClock()
+        self.hardware = Virtual(self._rig, unix_s=UNIX_S, time=self.time)
+        self.port = next(iter(self.hardware.ports))
+        self._commands: list[LabCommand] = []
+
+    def _rig(self, seconds: Any) -> SimulatedRig:
+        rig = load_rig(self.folder / RIG_FILE).model_copy(update={"mounts": {}})
+        simulated = SimulatedRig(rig, seconds=seconds, seed=1)
+        netft = NetFTBox(
+            load_cell=SimulatedLoadCell(LoadCellTruth(), np.random.default_rng(4)),
+            plant=_load,
+            rate_hz=LOADCELL_HZ,
+            buffer_size=14,
+            first_ft_sequence=500_000,
+            powered_s=seconds(),
+        )
+        self.box = Box(netft, SOUND_LOADCELL, opened_s=seconds(), rng=np.random.default_rng(5))
+        self.e201 = E201Device(lambda time_s: 0.5 * time_s, reply_s=5e-4, powered_s=seconds())
+        self.encoder = Interface(self.e201, SOUND_ENCODER, opened_s=seconds())
+        simulated.loadcell, simulated.encoder = self.box, self.encoder
+        return simulated
+
+    def start(self, *words: object, **options: Any) -> LabCommand:
+        self._commands.append(LabCommand(self, words, **options))
+        return self._commands[-1]
+
+    def cfid(self, *words: object, streaming: bool = False) -> Said:
+        """Run a command to its end."""
+        return self.start(*words).end(streaming=streaming)
+
+    def loadcell_suffers(self, **faults: Any) -> None:
+        """Set faults of the load cell from now on; timed faults start at once and last until others are set."""
+        self.box.faults = LoadCellFaults(**faults)
+
+    def encoder_suffers(self, **faults: Any) -> None:
+        self.encoder.faults = EncoderFaults(**faults)
+
+    def cut_power(self, for_s: float) -> None:
+        """Restart the box, which counts from zero afterwards."""
+        self.box.box.restart(self.hardware.seconds() + for_s)
+        self.loadcell_suffers(restart_after_s=0, restart_for_s=1e9)
+        self.hardware.at(for_s, self.loadcell_suffers)
+
+    def pull_plug(self) -> None:
+        self.hardware.ports[self.port].close()
+
+    def put_plug_back(self) -> None:
+        self.hardware.ports[self.port].begin()
+
+    def run_folder(self) -> Path | None:
+        """Return the folder of the run that was started last."""
+        return max((self.folder / RUNS_FOLDER).glob("*"), key=lambda path: path.stat().st_mtime_ns, default=None)
+
+    def run(self) -> Run:
+        """Return the only run there is."""
+        (folder,) = (self.folder / RUNS_FOLDER).iterdir()
+        return read_run(folder)
+
+    def rows(self) -> int | None:
+        """Return how many rows the last run has so far."""
+        folder = self.run_folder()
+        files = [] if folder is None else list(folder.glob("*.csv"))
+        return max(files[0].read_bytes().count(b"\n") - 1, 0) if files else None
+
+    def facts(self, device: str) -> dict[str, Any]:
+        return dict(self.run().header.devices[device].model_extra or {})
+
+
+def _load(time_s: Array) -> Array:
+    return np.outer(np.sin(time_s), (0.0, 0.0, 1.0, 0.0, 0.0, 0.0)).astype(np.float64)
+
+
+@contextmanager
+def lab_in(folder: Path) -> Iterator[Lab]:
+    """Open a rig in a folder."""
+    yield Lab(folder)
