@@ -107,29 +107,29 @@ class LoadCell:
         inbox.empty()
         lost_before, jumped_before = self._order.arrivals.lost, self._times.jumped
         records = self._order.take(every)
-        if not len(records.ft_sequence):
+        if not len(records):
             self._watch(now_s)
             return Block(no_rows(len(COLUMNS)), self._newly_lost())
         assert self._order.step is not None  # once records were taken
         self._times.learn(self._order.step)
-        arrivals = arrivals_of(records, every.ft_sequence[ends], came_s, read_s=now_s)
+        arrivals = arrivals_of(records, every["ft_sequence"][ends], came_s, read_s=now_s)
         if self._fresh and self._last_ft is not None:
             self._resume(records, arrivals)
         instants_s = self._times.instants_s(records, arrivals)
         if self._times.jumped > jumped_before:
             self._break(now_s, self._order.arrivals.lost - lost_before)
-        self._fresh, self._received_s, self._last_ft = False, now_s, int(records.ft_sequence[-1])
-        counts = records.counts
+        self._fresh, self._received_s, self._last_ft = False, now_s, int(records["ft_sequence"][-1])
+        counts = records["counts"]
         return Block(
             (
                 self._clock.unix_s(instants_s),
                 *(counts[:, axis] for axis in range(6)),
-                records.rdt_sequence,
-                records.ft_sequence,
-                records.status,
+                records["rdt_sequence"],
+                records["ft_sequence"],
+                records["status"],
             ),
             self._newly_lost(),
-            self._status.fault(records.status),
+            self._status.fault(records["status"]),
         )
 
     async def stop(self) -> None:
@@ -241,14 +241,14 @@ class LoadCell:
         """At the first records of a new request, note the gap and count the samples that the box took in it."""
         assert self._last_ft is not None and self._order.step is not None
         now_s, step = arrivals.read_s, self._order.step
-        passed = (int(records.ft_sequence[0]) - self._last_ft) % (1 << 32)
+        passed = (int(records["ft_sequence"][0]) - self._last_ft) % (1 << 32)
         most = (now_s - self._received_s + _SILENT_S) * self._times.rate_hz * step
         if passed > most or self._times.began_anew(records, arrivals):
             reason = "the box was restarted"
             self._times.restart()
         else:
             reason = "the stream broke off"
-            self._missing += max(passed // step - int(records.rdt_sequence[0]), 0)
+            self._missing += max(passed // step - int(records["rdt_sequence"][0]), 0)
         self._note_gap(now_s, reason)
         self._say(f"{self._where}: {reason}; records again after {now_s - self._received_s:.1f} s")
 

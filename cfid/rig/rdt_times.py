@@ -22,8 +22,8 @@ class TimedArrivals(NamedTuple):
 
 def arrivals_of(records: rdt.Records, ended: npt.NDArray[np.uint32], came_s: Array, *, read_s: float) -> TimedArrivals:
     """Find the ends of datagrams among records in order; `ended` (m,) are their ft_sequence in order of arrival."""
-    first = records.ft_sequence[0]
-    passed, passed_at_end = records.ft_sequence - first, ended - first
+    first = records["ft_sequence"][0]
+    passed, passed_at_end = records["ft_sequence"] - first, ended - first
     place = np.searchsorted(passed, passed_at_end).clip(max=len(passed) - 1)
     there = passed[place] == passed_at_end
     return TimedArrivals(place[there], came_s[there], read_s)
@@ -52,7 +52,7 @@ class RecordTimes:
         if self._samples is None:
             return False
         record, came_s = (arrivals.record[0], arrivals.came_s[0]) if len(arrivals.record) else (-1, arrivals.read_s)
-        predicted_s = self._samples.predicted_s(int(records.ft_sequence[record]))
+        predicted_s = self._samples.predicted_s(int(records["ft_sequence"][record]))
         return bool(abs(came_s - predicted_s) > _CONTRADICTION_S)
 
     def restart(self) -> None:
@@ -69,7 +69,7 @@ class RecordTimes:
         at = self._jump(records, arrivals.read_s)
         if at is None:
             return self._counted_s(records, arrivals)
-        parts = [_part(records, slice(at)), _part(records, slice(at, None))]
+        parts = [records[:at], records[at:]]
         early = arrivals.record < at
         came = [
             TimedArrivals(arrivals.record[early], arrivals.came_s[early], arrivals.read_s),
@@ -84,10 +84,10 @@ class RecordTimes:
         assert self._samples is not None
         if self._last_ft is None:
             return None
-        counts = np.concatenate([np.array([self._last_ft], np.uint32), records.ft_sequence])
+        counts = np.concatenate([np.array([self._last_ft], np.uint32), records["ft_sequence"]])
         steps = np.diff(counts).astype(np.int32)
         at = int(np.argmax(np.abs(steps.astype(np.int64))))
-        early_s = self._samples.predicted_s(int(records.ft_sequence[-1])) - read_s
+        early_s = self._samples.predicted_s(int(records["ft_sequence"][-1])) - read_s
         if steps[at] > 0 and early_s < _CONTRADICTION_S:
             return None
         self.jumped += abs(int(steps[at])) // max(int(np.median(np.abs(steps))), 1)
@@ -97,18 +97,12 @@ class RecordTimes:
         """Return the instants of records of one count."""
         assert self._samples is not None
         instants_s = self._samples.instants_s(
-            records.ft_sequence, arrived=arrivals.record, arrival_s=arrivals.came_s, read_s=arrivals.read_s
+            records["ft_sequence"], arrived=arrivals.record, arrival_s=arrivals.came_s, read_s=arrivals.read_s
         )
         if instants_s[0] <= self._last_s:  # the anchor after a restart may lie before the end of the gap
             instants_s = instants_s + (self._last_s + _RESOLUTION_S - instants_s[0])
-        self._last_s, self._last_ft = float(instants_s[-1]), int(records.ft_sequence[-1])
+        self._last_s, self._last_ft = float(instants_s[-1]), int(records["ft_sequence"][-1])
         return instants_s
-
-
-def _part(records: rdt.Records, part: slice) -> rdt.Records:
-    return rdt.Records(
-        records.rdt_sequence[part], records.ft_sequence[part], records.status[part], records.counts[part]
-    )
 
 
 def ticks_per_s_of(rate_hz: float, step: int) -> float:
