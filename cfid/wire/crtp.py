@@ -9,6 +9,8 @@ from collections.abc import Sequence
 from enum import IntEnum
 from typing import NamedTuple
 
+from cfid.wire.layout import Layout
+
 LONGEST_PAYLOAD = 30
 
 ECHO_PORT, ECHO_CHANNEL = 15, 0
@@ -26,8 +28,7 @@ TABLE_INFO, _TABLE_ENTRY = b"\x03", b"\x02"  # with 16-bit numbers, since protoc
 RESET_LOG = b"\x05"  # deletes all blocks
 
 _RESERVED = 3 << 2  # the link's own bits, set by whoever sends
-_ECHO = struct.Struct("<BQ")
-_ECHO_MARK = 0xCF  # cflib's own ping begins with 0 and comes back on the same channel
+_ECHO = Layout("<BQ", int, mark=(0xCF,))  # cflib's own ping begins with 0 and comes back on the same channel
 
 
 class Packet(NamedTuple):
@@ -77,8 +78,12 @@ _TYPES = {LOG_PORT: {number: kind for kind, number in _LOG_TYPES.items()}} | {
     PARAMETER_PORT: {number: kind for kind, number in _PARAMETER_TYPES.items()}
 }
 _TYPE_BITS = 0x0F  # of an entry's type; the others say that a parameter is only read, or stored
+_LOG_ANSWER = Layout("<BBB", LogAnswer)
 _INFO = struct.Struct("<xHI")
 _ENTRY = struct.Struct("<xHB")
+
+decode_echo = _ECHO.decode
+decode_log_answer = _LOG_ANSWER.decode
 
 
 def encode_packet(packet: Packet) -> bytes:
@@ -122,15 +127,7 @@ def decode_table_entry(port: int, payload: bytes) -> tuple[str, Variable] | None
 
 def encode_echo(number: int) -> bytes:
     """Return a payload for the link's echo channel; it carries a number and differs from those of cflib."""
-    return _ECHO.pack(_ECHO_MARK, number)
-
-
-def decode_echo(payload: bytes) -> int | None:
-    """Return the number of one of cfid's echoes, None for any other payload."""
-    if len(payload) != _ECHO.size:
-        return None
-    mark, number = _ECHO.unpack(payload)
-    return int(number) if mark == _ECHO_MARK else None
+    return _ECHO.encode(number)
 
 
 def encode_read_parameter(parameter: Variable) -> bytes:
@@ -196,11 +193,6 @@ def encode_stop_log(block: int) -> bytes:
 def encode_delete_log(block: int) -> bytes:
     """Return the request to delete a block; its number can then be used again."""
     return bytes([LogCommand.DELETE, block])
-
-
-def decode_log_answer(payload: bytes) -> LogAnswer | None:
-    """Return the vehicle's answer on the log's control channel."""
-    return LogAnswer(*payload) if len(payload) == 3 else None
 
 
 def decode_log_row(block: int, variables: Sequence[Variable], payload: bytes) -> tuple[int, tuple[float, ...]] | None:

@@ -3,19 +3,18 @@
 `rdt_order` finds the order of records and what is missing, `rdt_status` interprets status words.
 """
 
-import struct
 from enum import IntEnum
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
+from cfid.wire.layout import Layout
+
 RECORD_BYTES = 36
 LONGEST_BUFFER = 40  # records in one datagram
 INTERNAL_HZ = 7000  # what a Net F/T counts in ft_sequence, whatever rate it sends at
 
-_HEADER = 0x1234
-_REQUEST = struct.Struct(">HHI")
 
 # A record: its numbers since the request and since power-up, its status, and Fx to Tz in counts.
 RECORD = np.dtype(
@@ -43,17 +42,14 @@ class Request(NamedTuple):
     records: int = 0
 
 
+_REQUEST = Layout(">HHI", Request, mark=(0x1234,))
+
+decode_request = _REQUEST.decode
+
+
 def encode_request(request: Request) -> bytes:
     """Return a request's 8 bytes."""
-    return _REQUEST.pack(_HEADER, *request)
-
-
-def decode_request(datagram: bytes) -> Request | None:
-    """Return the request in a datagram, or None when it is not one."""
-    if len(datagram) != _REQUEST.size:
-        return None
-    header, command, records = _REQUEST.unpack(datagram)
-    return Request(command, records) if header == _HEADER else None
+    return _REQUEST.encode(*request)
 
 
 def is_block(size: int) -> bool:
