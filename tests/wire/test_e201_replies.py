@@ -8,7 +8,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from cfid.wire.e201 import EncoderReading, PositionReader, ReplyReader
+from cfid.wire.e201 import EncoderReading, PositionReader
 
 FEW = settings(max_examples=200, deadline=None, derandomize=True)
 MANY = settings(FEW, max_examples=100_000, suppress_health_check=list(HealthCheck))
@@ -99,16 +99,6 @@ def test_an_undamaged_stream_is_read_whole_in_any_slicing(readings: list[tuple[i
     stream = b"".join(b"%d:%d\r" % reading for reading in readings)
     assert [reading for part in sliced(stream, sizes) for reading in reader.feed(part)] == readings
     assert reader.rejected == reader.errors == 0
-
-
-@FEW
-@given(stream=streams, sizes=slicings)
-def test_replies_of_any_kind_are_the_same_in_any_slicing(stream: bytes, sizes: list[int]) -> None:
-    at_once, in_parts = ReplyReader(), ReplyReader()
-    replies = [reply for part in sliced(stream, sizes) for reply in in_parts.feed(part)]
-    assert replies == at_once.feed(stream)
-    assert in_parts.rejected == at_once.rejected
-    assert len(replies) + at_once.rejected == stream.count(b"\r")
 
 
 @pytest.mark.parametrize(
