@@ -142,20 +142,16 @@ def encode_write_parameter(parameter: Variable, value: float) -> bytes:
 
 def decode_read_parameter(parameter: Variable, payload: bytes) -> float | None:
     """Return the value from the answer to a read of this parameter: its number, a zero, the value."""
-    layout = struct.Struct(f"<HB{parameter.kind}")
-    if len(payload) != layout.size:
-        return None
-    number, error, value = layout.unpack(payload)
-    return value if (number, error) == (parameter.number, 0) else None
+    return Layout(f"<HB{parameter.kind}", _value, mark=(parameter.number, 0)).decode(payload)
 
 
 def decode_write_parameter(parameter: Variable, payload: bytes) -> float | None:
     """Return the value from the answer to a write of this parameter: its number, then the value now in force."""
-    layout = struct.Struct(f"<H{parameter.kind}")
-    if len(payload) != layout.size:
-        return None
-    number, value = layout.unpack(payload)
-    return value if number == parameter.number else None
+    return Layout(f"<H{parameter.kind}", _value, mark=(parameter.number,)).decode(payload)
+
+
+def _value(value: float) -> float:
+    return value
 
 
 def encode_set_by_name(name: str, kind: str, value: float) -> bytes:
@@ -197,7 +193,9 @@ def encode_delete_log(block: int) -> bytes:
 
 def decode_log_row(block: int, variables: Sequence[Variable], payload: bytes) -> tuple[int, tuple[float, ...]] | None:
     """Return the vehicle's milliseconds (24 bits, wrapping) and the values in a row of this block."""
-    layout = struct.Struct("<" + "".join(variable.kind for variable in variables))
-    if len(payload) != 4 + layout.size or payload[0] != block:
-        return None
-    return int.from_bytes(payload[1:4], "little"), layout.unpack_from(payload, 4)
+    kinds = "".join(variable.kind for variable in variables)
+    return Layout(f"<B3s{kinds}", _stamped, mark=(block,)).decode(payload)
+
+
+def _stamped(stamp: bytes, *values: float) -> tuple[int, tuple[float, ...]]:
+    return int.from_bytes(stamp, "little"), values

@@ -104,8 +104,8 @@ def read_settings(xml: str) -> Settings:
         firmware=tags.get("mfgdigver", ""),
         configuration=tags.get("cfgnam", ""),
         calibration_serial=tags.get("cfgcalsn", ""),
-        counts_per_force=_positive(tags, "cfgcpf"),
-        counts_per_torque=_positive(tags, "cfgcpt"),
+        counts_per_force=_number(tags, "cfgcpf"),
+        counts_per_torque=_number(tags, "cfgcpt"),
         force_unit=force_unit,
         torque_unit=torque_unit,
         ranges=_six(tags, "cfgmr"),
@@ -153,13 +153,6 @@ def _number(tags: Mapping[str, str], name: str) -> float:
         return float(text)
     except ValueError:
         raise ValueError(f"<{name}> is '{text}', no number") from None
-
-
-def _positive(tags: Mapping[str, str], name: str) -> float:
-    value = _number(tags, name)
-    if not 0 < value < float("inf"):
-        raise ValueError(f"<{name}> is {value:g}, not above zero")
-    return value
 
 
 def _whole(tags: Mapping[str, str], name: str, *, least: int) -> int:
