@@ -256,27 +256,27 @@ class LoadCell(Instrument):
         self._port.drain()
         every, ends, arrivals_s = self._inbox.take()
         records = self._order.take(every)
-        if not len(records.ft_sequence):
+        if not len(records):
             self._check_silence()
             return self.no_rows(self._newly_lost())
         assert self._order.step is not None  # once records were taken
         if self._samples is None:
             ticks_per_s = _ticks_per_s(self._rate_hz, self._order.step)
             self._samples, self._rate_hz = SampleClock(ticks_per_s=ticks_per_s), ticks_per_s / self._order.step
-        arrived, arrival_s = _arrivals(records, every.ft_sequence[ends], arrivals_s)
-        if self._is_first and self._last_ft is not None:
+        arrived, arrival_s = _arrivals(records, every["ft_sequence"][ends], arrivals_s)
+        if self._last_ft is not None:
             self._resume(records, arrived, arrival_s)
         self._silence.end("no record came" if self._last_ft is not None else "")
         instants_s = self._instants_s(records, arrived, arrival_s)
-        self._is_first, self._last_ft = False, int(records.ft_sequence[-1])
+        self._is_first, self._last_ft = False, int(records["ft_sequence"][-1])
         columns = (
             self._hardware.clock.unix_s(instants_s),
-            *records.counts.T,
-            records.rdt_sequence,
-            records.ft_sequence,
-            records.status,
+            *records["counts"].T,
+            records["rdt_sequence"],
+            records["ft_sequence"],
+            records["status"],
         )
-        return Block(columns, self._newly_lost(), self._fault(records.status))
+        return Block(columns, self._newly_lost(), self._fault(records["status"]))
 
     async def stop(self) -> None:
         """Ask the box to stop until it is quiet; report a box that does not stop.
@@ -375,16 +375,18 @@ class LoadCell(Instrument):
         )
 
     def _resume(self, records: rdt.Records, arrived: npt.NDArray[np.intp], arrival_s: Array) -> None:
-        """At the first records of a new request, count the samples that the box took in the gap."""
+        """Begin anew with a count that contradicts the arrivals; else count what the box took before a new request."""
         assert self._samples is not None and self._order.step is not None
         record, at_s = (arrived[0], arrival_s[0]) if len(arrived) else (-1, self._hardware.seconds())
-        if abs(at_s - self._samples.predicted_s(int(records.ft_sequence[record]))) > _ANOTHER_COUNT_S:
+        if abs(at_s - self._samples.predicted_s(int(records["ft_sequence"][record]))) > _ANOTHER_COUNT_S:
             self._samples.restart()
             reason = "the box was restarted"
-        else:
-            passed = (int(records.ft_sequence[0]) - int(self._last_ft or 0)) % (1 << 32)
-            self._missing += max(passed // self._order.step - int(records.rdt_sequence[0]), 0)
+        elif self._is_first:
+            passed = (int(records["ft_sequence"][0]) - int(self._last_ft or 0)) % (1 << 32)
+            self._missing += max(passed // self._order.step - int(records["rdt_sequence"][0]), 0)
             reason = "the stream broke off"
+        else:
+            return
         silent_s = self._silence.seconds
         self._silence.end(reason)
         self._say(f"{self._where}: {reason}; records again after {silent_s:.1f} s")
@@ -393,7 +395,7 @@ class LoadCell(Instrument):
         """Return when records in order were sampled; they never decrease."""
         assert self._samples is not None
         instants_s = self._samples.instants_s(
-            records.ft_sequence, arrived=arrived, arrival_s=arrival_s, read_s=self._hardware.seconds()
+            records["ft_sequence"], arrived=arrived, arrival_s=arrival_s, read_s=self._hardware.seconds()
         )
         if instants_s[0] <= self._last_s:  # the anchor after a restart may lie before the end of the gap
             instants_s = instants_s + (self._last_s + _RESOLUTION_S - instants_s[0])
@@ -419,8 +421,8 @@ def _arrivals(
     records: rdt.Records, ended: npt.NDArray[np.uint32], arrival_s: Array
 ) -> tuple[npt.NDArray[np.intp], Array]:
     """Find the ends of datagrams among records in order; `ended` (m,) are their ft_sequence in order of arrival."""
-    first = records.ft_sequence[0]
-    passed, passed_at_end = records.ft_sequence - first, ended - first
+    first = records["ft_sequence"][0]
+    passed, passed_at_end = records["ft_sequence"] - first, ended - first
     place = np.searchsorted(passed, passed_at_end).clip(max=len(passed) - 1)
     is_there = passed[place] == passed_at_end
     return place[is_there], arrival_s[is_there]

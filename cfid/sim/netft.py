@@ -11,7 +11,7 @@ from cfid.sim.loadcell import SimulatedLoadCell
 from cfid.sim.netft_settings import BoxSettings, Configuration, configurations_of
 from cfid.sim.stepping import Array
 from cfid.wire.netft import LoadReading, encode_reading
-from cfid.wire.rdt import INTERNAL_HZ, RECORD_BYTES, Command, Records, decode_request, encode_records
+from cfid.wire.rdt import INTERNAL_HZ, RECORD, RECORD_BYTES, Command, decode_request, encode_records
 
 Address = tuple[str, int]
 Plant = Callable[[Array], Array]
@@ -168,13 +168,10 @@ class NetFTBox:
         """Take the stream's next samples and return their bytes."""
         steps = np.arange(count, dtype=np.int64)
         ticks = stream.next_tick + stream.step * steps
-        counts, status = self._sample(ticks)
-        records = Records(
-            (stream.sequence + steps).astype(np.uint32),
-            (self._first_ft_sequence + ticks).astype(np.uint32),
-            status,
-            counts,
-        )
+        records = np.empty(count, RECORD)
+        records["rdt_sequence"] = stream.sequence + steps
+        records["ft_sequence"] = self._first_ft_sequence + ticks
+        records["counts"], records["status"] = self._sample(ticks)
         self._advance(stream, count)
         return encode_records(records)
 

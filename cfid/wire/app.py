@@ -6,9 +6,10 @@ wrap.
 """
 
 import math
-import struct
 from enum import IntEnum, IntFlag
 from typing import NamedTuple
+
+from cfid.wire.layout import Layout
 
 MIDDLE = 30000  # B of eq. 3.6
 LARGEST_COMMAND = 65535
@@ -18,20 +19,6 @@ SAMPLES_PER_S = 500
 KEEP_ALIVE_S = 0.5  # the app stops the motors this long after the last keep-alive
 PROTOCOLS = (1, 2)  # from 2 on, requests and keep-alives carry their owner's number
 NO_OWNER = 0
-
-_THRUST = struct.Struct("<Hi")
-_THRUST_ANSWER = struct.Struct("<HiB4HI")
-_SINE = struct.Struct("<HHfI")
-_SINE_ANSWER = struct.Struct("<HHfIBBI")
-_CROSSING = struct.Struct("<HIIH")
-_DONE = struct.Struct("<BBII")
-_HELLO = struct.Struct("<4sBHHQ")
-_ALIVE = struct.Struct("<I")
-_STATE = struct.Struct("<IB4HI")
-_MICROSECONDS = struct.Struct("<Q")
-_OWNER = struct.Struct("<I")
-_MAGIC = b"cfid"
-_DONE_MARK = ord("a")
 
 
 class AppPorts(NamedTuple):
@@ -173,79 +160,56 @@ class AppState(NamedTuple):
     microseconds: int
 
 
+_THRUST = Layout("<Hi", ThrustRequest)  # the thesis' struct of C.2.1
+_THRUST_ANSWER = Layout(
+    "<HiB4HI", lambda command, motor, verdict, *more: ThrustAnswer(command, motor, verdict, more[:4], more[4])
+)
+_SINE = Layout("<HHfI", SineRequest)  # the thesis' struct of C.2.4
+_SINE_ANSWER = Layout("<HHfIB?I", SineAnswer)
+_CROSSING = Layout("<HIIH", Crossing)
+_DONE = Layout("<BBII", Done, mark=(ord("a"),))
+_HELLO = Layout("<4sBHHQ", Hello, mark=(b"cfid",))
+_ALIVE = Layout("<I", int)
+_STATE = Layout("<IB4HI", lambda number, flags, *more: AppState(number, Flags(flags), more[:4], more[4]))
+_MICROSECONDS = Layout("<Q", int)
+_OWNER = Layout("<I", int)
+
+decode_thrust_answer = _THRUST_ANSWER.decode
+decode_sine_answer = _SINE_ANSWER.decode
+decode_crossing = _CROSSING.decode
+decode_done = _DONE.decode
+decode_hello = _HELLO.decode
+decode_state = _STATE.decode
+
+
 def encode_thrust(request: ThrustRequest, owner: int = NO_OWNER) -> bytes:
-    """Return `<Hi`, the thesis' struct of C.2.1, followed by the owner's number where there is one."""
-    return _THRUST.pack(*request) + _owned(owner)
-
-
-def decode_thrust_answer(payload: bytes) -> ThrustAnswer | None:
-    """Return an acknowledgement."""
-    if len(payload) != _THRUST_ANSWER.size:
-        return None
-    command, motor, verdict, m1, m2, m3, m4, microseconds = _THRUST_ANSWER.unpack(payload)
-    return ThrustAnswer(command, motor, verdict, (m1, m2, m3, m4), microseconds)
+    """Return a thrust request, followed by its owner's number where there is one."""
+    return _THRUST.encode(*request) + _owned(owner)
 
 
 def encode_sine(request: SineRequest, owner: int = NO_OWNER) -> bytes:
-    """Return `<HHfI`, the thesis' struct of C.2.4, and the owner's number if there is one; omega becomes a float32."""
-    return _SINE.pack(*request) + _owned(owner)
-
-
-def decode_sine_answer(payload: bytes) -> SineAnswer | None:
-    """Return an acknowledgement."""
-    if len(payload) != _SINE_ANSWER.size:
-        return None
-    fields = _SINE_ANSWER.unpack(payload)
-    return SineAnswer._make((*fields[:5], bool(fields[5]), fields[6]))
-
-
-def decode_crossing(payload: bytes) -> Crossing | None:
-    """Return the crossing in a report."""
-    return Crossing._make(_CROSSING.unpack(payload)) if len(payload) == _CROSSING.size else None
-
-
-def decode_done(payload: bytes) -> Done | None:
-    """Return the end of a sine."""
-    if len(payload) != _DONE.size or payload[0] != _DONE_MARK:
-        return None
-    return Done._make(_DONE.unpack(payload)[1:])
-
-
-def decode_hello(payload: bytes) -> Hello | None:
-    """Return the app's answer to a hello."""
-    if len(payload) != _HELLO.size or payload[:4] != _MAGIC:
-        return None
-    return Hello._make(_HELLO.unpack(payload)[1:])
+    """Return a sine request, followed by its owner's number where there is one; omega becomes a float32."""
+    return _SINE.encode(*request) + _owned(owner)
 
 
 def encode_alive(number: int, owner: int = NO_OWNER) -> bytes:
     """Return a keep-alive or a stop, whose number the answering state repeats; a stop needs no owner."""
-    return _ALIVE.pack(number) + _owned(owner)
+    return _ALIVE.encode(number) + _owned(owner)
 
 
 def encode_state(state: AppState) -> bytes:
     """Return the answer to a keep-alive or a stop."""
-    return _STATE.pack(state.number, state.flags, *state.commands, state.microseconds)
-
-
-def decode_state(payload: bytes) -> AppState | None:
-    """Return the answer to a keep-alive or a stop."""
-    if len(payload) != _STATE.size:
-        return None
-    number, flags, m1, m2, m3, m4, microseconds = _STATE.unpack(payload)
-    return AppState(number, Flags(flags), (m1, m2, m3, m4), microseconds)
+    return _STATE.encode(state.number, state.flags, *state.commands, state.microseconds)
 
 
 def encode_ping_answer(request: bytes, microseconds: int) -> bytes:
     """Return the answer to a ping: empty for an empty ping, as in 2015; else its bytes, at most 22, and the time."""
-    return request + _MICROSECONDS.pack(microseconds) if request else b""
+    return request + _MICROSECONDS.encode(microseconds) if request else b""
 
 
 def decode_ping_answer(request: bytes, payload: bytes) -> int | None:
     """Return the vehicle's time from the answer to a ping that was not empty."""
-    if not request or len(payload) != len(request) + _MICROSECONDS.size or not payload.startswith(request):
-        return None
-    return int(_MICROSECONDS.unpack(payload[len(request) :])[0])
+    return _MICROSECONDS.decode(payload[len(request) :]) if request and payload.startswith(request) else None
 
 
 def omega_of(periods: int, samples: int) -> float:
@@ -254,4 +218,4 @@ def omega_of(periods: int, samples: int) -> float:
 
 
 def _owned(owner: int) -> bytes:
-    return _OWNER.pack(owner) if owner != NO_OWNER else b""
+    return _OWNER.encode(owner) if owner != NO_OWNER else b""

@@ -9,6 +9,8 @@ from collections.abc import Sequence
 from enum import IntEnum
 from typing import NamedTuple
 
+from cfid.wire.layout import Layout
+
 LONGEST_PAYLOAD = 30
 
 ECHO_PORT, ECHO_CHANNEL = 15, 0
@@ -26,8 +28,7 @@ TABLE_INFO, _TABLE_ENTRY = b"\x03", b"\x02"  # with 16-bit numbers, since protoc
 RESET_LOG = b"\x05"  # deletes all blocks
 
 _RESERVED = 3 << 2  # the link's own bits, set by whoever sends
-_ECHO = struct.Struct("<BQ")
-_ECHO_MARK = 0xCF  # cflib's own ping begins with 0 and comes back on the same channel
+_ECHO = Layout("<BQ", int, mark=(0xCF,))  # cflib's own ping begins with 0 and comes back on the same channel
 
 
 class Packet(NamedTuple):
@@ -77,8 +78,12 @@ _TYPES = {LOG_PORT: {number: kind for kind, number in _LOG_TYPES.items()}} | {
     PARAMETER_PORT: {number: kind for kind, number in _PARAMETER_TYPES.items()}
 }
 _TYPE_BITS = 0x0F  # of an entry's type; the others say that a parameter is only read, or stored
+_LOG_ANSWER = Layout("<BBB", LogAnswer)
 _INFO = struct.Struct("<xHI")
 _ENTRY = struct.Struct("<xHB")
+
+decode_echo = _ECHO.decode
+decode_log_answer = _LOG_ANSWER.decode
 
 
 def encode_packet(packet: Packet) -> bytes:
@@ -122,15 +127,7 @@ def decode_table_entry(port: int, payload: bytes) -> tuple[str, Variable] | None
 
 def encode_echo(number: int) -> bytes:
     """Return a payload for the link's echo channel; it carries a number and differs from those of cflib."""
-    return _ECHO.pack(_ECHO_MARK, number)
-
-
-def decode_echo(payload: bytes) -> int | None:
-    """Return the number of one of cfid's echoes, None for any other payload."""
-    if len(payload) != _ECHO.size:
-        return None
-    mark, number = _ECHO.unpack(payload)
-    return int(number) if mark == _ECHO_MARK else None
+    return _ECHO.encode(number)
 
 
 def encode_read_parameter(parameter: Variable) -> bytes:
@@ -145,20 +142,16 @@ def encode_write_parameter(parameter: Variable, value: float) -> bytes:
 
 def decode_read_parameter(parameter: Variable, payload: bytes) -> float | None:
     """Return the value from the answer to a read of this parameter: its number, a zero, the value."""
-    layout = struct.Struct(f"<HB{parameter.kind}")
-    if len(payload) != layout.size:
-        return None
-    number, error, value = layout.unpack(payload)
-    return value if (number, error) == (parameter.number, 0) else None
+    return Layout(f"<HB{parameter.kind}", _value, mark=(parameter.number, 0)).decode(payload)
 
 
 def decode_write_parameter(parameter: Variable, payload: bytes) -> float | None:
     """Return the value from the answer to a write of this parameter: its number, then the value now in force."""
-    layout = struct.Struct(f"<H{parameter.kind}")
-    if len(payload) != layout.size:
-        return None
-    number, value = layout.unpack(payload)
-    return value if number == parameter.number else None
+    return Layout(f"<H{parameter.kind}", _value, mark=(parameter.number,)).decode(payload)
+
+
+def _value(value: float) -> float:
+    return value
 
 
 def encode_set_by_name(name: str, kind: str, value: float) -> bytes:
@@ -198,14 +191,11 @@ def encode_delete_log(block: int) -> bytes:
     return bytes([LogCommand.DELETE, block])
 
 
-def decode_log_answer(payload: bytes) -> LogAnswer | None:
-    """Return the vehicle's answer on the log's control channel."""
-    return LogAnswer(*payload) if len(payload) == 3 else None
-
-
 def decode_log_row(block: int, variables: Sequence[Variable], payload: bytes) -> tuple[int, tuple[float, ...]] | None:
     """Return the vehicle's milliseconds (24 bits, wrapping) and the values in a row of this block."""
-    layout = struct.Struct("<" + "".join(variable.kind for variable in variables))
-    if len(payload) != 4 + layout.size or payload[0] != block:
-        return None
-    return int.from_bytes(payload[1:4], "little"), layout.unpack_from(payload, 4)
+    kinds = "".join(variable.kind for variable in variables)
+    return Layout(f"<B3s{kinds}", _stamped, mark=(block,)).decode(payload)
+
+
+def _stamped(stamp: bytes, *values: float) -> tuple[int, tuple[float, ...]]:
+    return int.from_bytes(stamp, "little"), values

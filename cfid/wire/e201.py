@@ -8,6 +8,8 @@ has one (see `rls`), catches a changed digit.
 import re
 from typing import NamedTuple
 
+from cfid.wire.lines import Splitter
+
 VERSION = b"v"
 SERIAL_NUMBER = b"s"
 SUPPLY = b"e"
@@ -58,35 +60,6 @@ def names_e201(reply: bytes) -> bool:
     return b"E201" in reply
 
 
-class ReplyReader:
-    """Splits what a device sends into replies; `rejected` counts those that are too long."""
-
-    def __init__(self) -> None:
-        """Start between two replies."""
-        self.rejected = 0
-        self._begun = b""
-        self._skipping = False
-
-    def feed(self, data: bytes) -> list[bytes]:
-        """Return the replies that `data` completes, without their ends and without line feeds before them."""
-        *complete, self._begun = (self._begun + data).split(_END)
-        replies = []
-        for reply in complete:
-            if self._skipping or len(reply) > _LONGEST:
-                self.rejected += 1
-                self._skipping = False
-            else:
-                replies.append(reply.removeprefix(b"\n"))
-        if len(self._begun) > _LONGEST:  # it will be rejected: nothing else need be remembered
-            self._begun, self._skipping = b"", True
-        return replies
-
-    def forget(self) -> None:
-        """Drop an incomplete reply whose end will not come, and count it as rejected."""
-        self.rejected += bool(self._begun.removeprefix(b"\n")) or self._skipping
-        self._begun, self._skipping = b"", False
-
-
 class PositionReader:
     """Reads positions, and counts everything else.
 
@@ -100,41 +73,36 @@ class PositionReader:
 
     def __init__(self, *, word_bits: int, stamped: bool | None = None) -> None:
         """Take the width of the word, which no position exceeds, and whether replies carry a stamp."""
-        self.errors = self.names = 0
-        self._unread = 0
-        self._replies = ReplyReader()
+        self.rejected = self.errors = self.names = 0
+        self._replies = Splitter(longest=_LONGEST, ends=_END)
         self._limit = 1 << word_bits
         self._stamped = stamped
         self._decided = stamped is not None
 
-    @property
-    def rejected(self) -> int:
-        """The number of replies without a position."""
-        return self._unread + self._replies.rejected
-
     def feed(self, data: bytes) -> list[EncoderReading]:
         """Return the positions that `data` completes."""
-        found = (self._read(reply) for reply in self._replies.feed(data))
-        return [reading for reading in found if reading is not None]
+        readings = map(self._read, self._replies.feed(data))
+        return [reading for reading in readings if reading is not None]
 
     def forget(self) -> None:
         """Drop an incomplete reply whose end will not come, and count it as rejected."""
-        self._replies.forget()
+        self.rejected += self._replies.forget() not in (b"", b"\n")
 
     def _read(self, reply: bytes) -> EncoderReading | None:
-        match = _POSITION.fullmatch(reply)
-        if match is None and names_e201(reply):
+        if names_e201(reply):
             self.names += 1
             return None
-        if match is None:
-            self.errors += b"error" in reply.lower()
-            self._unread += 1
-            return None
+        match = _POSITION.fullmatch(reply.removeprefix(b"\n"))
+        reading = self._accepted(match) if match else None
+        self.rejected += reading is None
+        self.errors += b"error" in reply.lower()
+        return reading
+
+    def _accepted(self, match: re.Match[bytes]) -> EncoderReading | None:
         position, stamp_us = int(match[1]), None if match[2] is None else int(match[2])
         stamped = stamp_us is not None
         alike = stamped == self._stamped
         if position >= self._limit or (stamp_us or 0) >> STAMP_BITS or (self._decided and not alike):
-            self._unread += 1
             return None
         self._stamped, self._decided = stamped, alike
         return EncoderReading(position, stamp_us)

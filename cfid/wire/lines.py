@@ -21,7 +21,6 @@ from typing import NamedTuple
 
 LONGEST_LINE = 200  # bytes; a longer one is dropped
 
-_ENDS = re.compile(rb"[\r\n]")
 _COMMAS = re.compile(r"\s*,\s*|\s+", re.ASCII)
 _SEMICOLONS = re.compile(r"\s*;\s*|\s+", re.ASCII)  # with these separators, a comma is a decimal comma
 _QUOTED = re.compile(r'^"([^"]*)"$')
@@ -38,6 +37,27 @@ class Value(NamedTuple):
     used: bool = True
 
 
+class Splitter:
+    """Splits what a device sends, in pieces of any size, into lines; of one that is too long it keeps a byte more."""
+
+    def __init__(self, *, longest: int, ends: bytes = b"\r\n") -> None:
+        """Take the bytes of the longest line, and those of which each ends a line."""
+        self._longest = longest
+        self._ends = re.compile(b"[%b]" % ends)
+        self._begun = b""
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """Return the lines that `data` completes, without their ends; some are empty where lines end in CR and LF."""
+        *lines, begun = self._ends.split(self._begun + data)
+        self._begun = begun[: self._longest + 1]
+        return [line[: self._longest + 1] for line in lines]
+
+    def forget(self) -> bytes:
+        """Drop an incomplete line, whose end will not come, and return it."""
+        begun, self._begun = self._begun, b""
+        return begun
+
+
 class LineReader:
     """Reads the values of lines; `rejected` counts lines that do not match, `last_rejected` is the latest of them."""
 
@@ -47,17 +67,17 @@ class LineReader:
         self.last_rejected = b""
         self._values = tuple(values)
         self._pattern = re.compile(pattern, re.ASCII) if pattern else None
-        self._begun = b""
+        self._lines = Splitter(longest=LONGEST_LINE)
         self._aligned = self._checked = False
 
     def forget(self) -> None:
         """Expect the next bytes to begin anywhere in a line: the device was unplugged."""
-        self._begun, self._aligned = b"", False
+        self._lines.forget()
+        self._aligned = False
 
     def feed(self, data: bytes) -> list[tuple[float, ...]]:
         """Return the numbers in each line that `data` completes, without values that are not used."""
-        *lines, begun = _ENDS.split(self._begun + data)
-        self._begun = begun[: LONGEST_LINE + 1]  # of an overlong line, only its excess length matters
+        lines = self._lines.feed(data)
         if not self._aligned:
             self._aligned = bool(lines)
             lines = lines[1:]

@@ -2,12 +2,12 @@
 
 import math
 import re
-import struct
 from collections.abc import Mapping
 from html import unescape
 from typing import NamedTuple
 from urllib.parse import urlencode
 
+from cfid.wire.layout import Layout
 from cfid.wire.rdt_status import Family, family_of
 
 DEFAULT_ADDRESS = "192.168.1.1"
@@ -28,11 +28,9 @@ _FEWEST_COUNTS, _MOST_COUNTS = 1e-3, 1e12  # per newton or newton metre: boxes h
 
 _LONGEST_TEXT = 80  # of a tag
 _TAG = re.compile(r"<([A-Za-z]\w*)>([^<>]*)</\1>")
-_READING = struct.Struct(">HH6h")
-_HEADER = 0x1234
 
 READ_FORCES = bytes(20)  # READFT: command 0, all else zero, so that nothing is biased
-READING_BYTES = _READING.size
+READING_BYTES = 16
 
 
 class Settings(NamedTuple):
@@ -75,6 +73,9 @@ class LoadReading(NamedTuple):
     values: tuple[int, ...]
 
 
+_READING = Layout(">HH6h", lambda status, *values: LoadReading(status, values), mark=(0x1234,))
+
+
 def active_configuration(xml: str) -> int:
     """Return the index of the configuration in use. Raises ValueError when the page does not state it."""
     return _whole(_tags(xml), "setcfgsel", least=0)
@@ -103,8 +104,8 @@ def read_settings(xml: str) -> Settings:
         firmware=tags.get("mfgdigver", ""),
         configuration=tags.get("cfgnam", ""),
         calibration_serial=tags.get("cfgcalsn", ""),
-        counts_per_force=_positive(tags, "cfgcpf"),
-        counts_per_torque=_positive(tags, "cfgcpt"),
+        counts_per_force=_number(tags, "cfgcpf"),
+        counts_per_torque=_number(tags, "cfgcpt"),
         force_unit=force_unit,
         torque_unit=torque_unit,
         ranges=_six(tags, "cfgmr"),
@@ -121,15 +122,15 @@ def read_settings(xml: str) -> Settings:
 
 def read_reading(data: bytes) -> LoadReading:
     """Read the answer to READ_FORCES. Raises ValueError for anything else."""
-    header, status, *values = _READING.unpack(data) if len(data) == _READING.size else (0, 0)
-    if header != _HEADER:
+    reading = _READING.decode(data)
+    if reading is None:
         raise ValueError(f"{len(data)} bytes that are no reading: {data[:8].hex(' ')} ...")
-    return LoadReading(status, tuple(values))
+    return reading
 
 
 def encode_reading(reading: LoadReading) -> bytes:
     """Return a reading's 16 bytes."""
-    return _READING.pack(_HEADER, reading.status, *reading.values)
+    return _READING.encode(reading.status, *reading.values)
 
 
 def _tags(xml: str) -> dict[str, str]:
@@ -152,13 +153,6 @@ def _number(tags: Mapping[str, str], name: str) -> float:
         return float(text)
     except ValueError:
         raise ValueError(f"<{name}> is '{text}', no number") from None
-
-
-def _positive(tags: Mapping[str, str], name: str) -> float:
-    value = _number(tags, name)
-    if not 0 < value < float("inf"):
-        raise ValueError(f"<{name}> is {value:g}, not above zero")
-    return value
 
 
 def _whole(tags: Mapping[str, str], name: str, *, least: int) -> int:

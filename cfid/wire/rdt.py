@@ -1,23 +1,27 @@
 """Encodes and decodes ATI's RDT protocol over UDP port 49152: requests, and records of 36 bytes, both big-endian.
 
-Whole blocks become arrays. `rdt_order` finds the order of records and what is missing, `rdt_status` interprets
-status words.
+`rdt_order` finds the order of records and what is missing, `rdt_status` interprets status words.
 """
 
-import struct
 from enum import IntEnum
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
+
+from cfid.wire.layout import Layout
 
 RECORD_BYTES = 36
 LONGEST_BUFFER = 40  # records in one datagram
 INTERNAL_HZ = 7000  # what a Net F/T counts in ft_sequence, whatever rate it sends at
 
-_HEADER = 0x1234
-_REQUEST = struct.Struct(">HHI")
-_LAYOUT = np.dtype([("rdt_sequence", ">u4"), ("ft_sequence", ">u4"), ("status", ">u4"), ("counts", ">i4", 6)])
+
+# A record: its numbers since the request and since power-up, its status, and Fx to Tz in counts.
+RECORD = np.dtype(
+    [("rdt_sequence", np.uint32), ("ft_sequence", np.uint32), ("status", np.uint32), ("counts", np.int32, 6)]
+)
+Records: TypeAlias = npt.NDArray[np.void]  # n of them
+_SENT = RECORD.newbyteorder(">")
 
 
 class Command(IntEnum):
@@ -38,26 +42,14 @@ class Request(NamedTuple):
     records: int = 0
 
 
-class Records(NamedTuple):
-    """n records: their numbers since the request and since power-up, status, and Fx to Tz in counts (n, 6)."""
+_REQUEST = Layout(">HHI", Request, mark=(0x1234,))
 
-    rdt_sequence: npt.NDArray[np.uint32]
-    ft_sequence: npt.NDArray[np.uint32]
-    status: npt.NDArray[np.uint32]
-    counts: npt.NDArray[np.int32]
+decode_request = _REQUEST.decode
 
 
 def encode_request(request: Request) -> bytes:
     """Return a request's 8 bytes."""
-    return _REQUEST.pack(_HEADER, *request)
-
-
-def decode_request(datagram: bytes) -> Request | None:
-    """Return the request in a datagram, or None when it is not one."""
-    if len(datagram) != _REQUEST.size:
-        return None
-    header, command, records = _REQUEST.unpack(datagram)
-    return Request(command, records) if header == _HEADER else None
+    return _REQUEST.encode(*request)
 
 
 def is_block(size: int) -> bool:
@@ -67,10 +59,7 @@ def is_block(size: int) -> bool:
 
 def encode_records(records: Records) -> bytes:
     """Return the bytes of n records."""
-    block = np.empty(len(records.rdt_sequence), _LAYOUT)
-    for name, column in zip(Records._fields, records, strict=True):
-        block[name] = column
-    return block.tobytes()
+    return records.astype(_SENT).tobytes()
 
 
 def decode_records(data: bytes | bytearray | memoryview) -> Records:
@@ -78,10 +67,4 @@ def decode_records(data: bytes | bytearray | memoryview) -> Records:
 
     Raises ValueError when they are not whole records, which `is_block` checks beforehand.
     """
-    block = np.frombuffer(data, _LAYOUT)
-    return Records(
-        block["rdt_sequence"].astype(np.uint32),
-        block["ft_sequence"].astype(np.uint32),
-        block["status"].astype(np.uint32),
-        block["counts"].astype(np.int32),
-    )
+    return np.frombuffer(data, _SENT).astype(RECORD)

@@ -17,6 +17,8 @@ into an end of line; all other flips are found.
 import re
 from typing import NamedTuple
 
+from cfid.wire.lines import Splitter
+
 GRAMS = {
     "g": 1.0,
     "kg": 1e3,
@@ -25,7 +27,6 @@ GRAMS = {
     "oz": 453.59237 / 16,
 }
 
-_ENDS = re.compile(rb"[\r\n]")
 _LONGEST = 64  # bytes of a line; the longest known has 24
 _LINE = re.compile(
     rb"\s*(?:(?P<head>ST|US),(?:\s*(?:GS|NT),)?|S (?P<sics>[SD]) )?"
@@ -58,20 +59,14 @@ class ScalesReader:
     def __init__(self) -> None:
         """Start anywhere in a line."""
         self.rejected = 0
-        self._begun = b""
+        self._lines = Splitter(longest=_LONGEST)
         self._first, self._headed = True, False
 
     def feed(self, data: bytes) -> list[Weight]:
         """Return the weights that `data` completes."""
-        *lines, begun = _ENDS.split(self._begun + data)
-        self._begun = begun[: _LONGEST + 1]  # of an overlong line, only its excess length matters
-        weights = []
-        for line in lines:
-            weight = self._read(line)
-            if weight is not None:
-                weights.append(weight)
-            else:
-                self.rejected += line != b""
+        lines = self._lines.feed(data)
+        weights = [weight for line in lines if (weight := self._read(line)) is not None]
+        self.rejected += sum(map(bool, lines)) - len(weights)
         return weights
 
     def _read(self, line: bytes) -> Weight | None:

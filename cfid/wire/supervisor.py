@@ -40,6 +40,23 @@ class Bits(IntFlag):
     DECK_FAULT = 1 << 11
 
 
+_STATES = (  # bits, the name of a state that has them, and what the operator does before motors may run
+    (Bits.LOCKED, "locked", "turn it off and on (an emergency stop, an old setpoint or a blocked rotor locked it)"),
+    (Bits.CRASHED, "crashed", "put it upright and run `cfid motors recover`"),
+    (
+        Bits.TUMBLED,
+        "tumbled",
+        "put it upright; one that is fastened upside down needs the parameter supervisor.tmblChckEn at 0",
+    ),
+    (Bits.DECK_FAULT, "deck fault", "look at its console for the deck that failed its test"),
+    (Bits.FLYING, "flying", ""),
+    (Bits.CAN_FLY, "ready", ""),
+    (Bits.ARMED, "arming", ""),
+    (Bits.CAN_BE_ARMED, "disarmed", ""),
+    (Bits(0), "not ready", ""),
+)
+
+
 class VehicleState(NamedTuple):
     """A state: its name for operators, whether motors may start from it, and what to do where they may not."""
 
@@ -53,7 +70,12 @@ class VehicleState(NamedTuple):
     @property
     def name(self) -> str:
         """Return the state's name; the word cannot distinguish landed from ready, nor level-out from flying."""
-        return next(name for bits, name in _NAMES if bits in self.bits)
+        return next(name for bits, name, _ in _STATES if bits in self.bits)
+
+    @property
+    def remedy(self) -> str:
+        """Return what the operator has to do before motors may run; empty where nothing has to be done."""
+        return next(remedy for bits, _, remedy in _STATES if bits in self.bits)
 
     @property
     def can_fly(self) -> bool:
@@ -74,30 +96,6 @@ class VehicleState(NamedTuple):
     def is_passing(self) -> bool:
         """Whether the vehicle is between two states, and will be in another one within 0.2 s."""
         return self.name == "not ready"
-
-    @property
-    def remedy(self) -> str:
-        """Return what the operator has to do before motors may run; empty where nothing has to be done."""
-        return _REMEDIES.get(self.name, "")
-
-
-_NAMES = (
-    (Bits.LOCKED, "locked"),
-    (Bits.CRASHED, "crashed"),
-    (Bits.TUMBLED, "tumbled"),
-    (Bits.DECK_FAULT, "deck fault"),
-    (Bits.FLYING, "flying"),
-    (Bits.CAN_FLY, "ready"),
-    (Bits.ARMED, "arming"),
-    (Bits.CAN_BE_ARMED, "disarmed"),
-    (Bits(0), "not ready"),
-)
-_REMEDIES = {
-    "locked": "turn it off and on (an emergency stop, an old setpoint or a blocked rotor locked it)",
-    "crashed": "put it upright and run `cfid motors recover`",
-    "tumbled": "put it upright; one that is fastened upside down needs the parameter supervisor.tmblChckEn at 0",
-    "deck fault": "look at its console for the deck that failed its test",
-}
 
 
 def decode_state(payload: bytes) -> VehicleState | None:

@@ -16,6 +16,8 @@ has ten cells to get right. USB has a checksum of its own.
 import re
 from typing import NamedTuple
 
+from cfid.wire.lines import Splitter
+
 BAUD = 2400
 USB_VENDOR, USB_PRODUCT = 0x1A86, 0xE008  # of the bridge, a WCH CH9325: UNI-T's cables for multimeters have it too
 REPORT_BYTES = 8
@@ -81,13 +83,11 @@ class Ut372Reader:
     def __init__(self) -> None:
         """Start between two packets."""
         self.rejected = 0
-        self._begun = b""
+        self._lines = Splitter(longest=_LINE_BYTES, ends=_END)
 
     def feed(self, data: bytes) -> list[TachometerReading]:
         """Return the readings that `data` completes."""
-        *lines, begun = (self._begun + data).split(_END)
-        self._begun = begun[: _LINE_BYTES + 1]  # of an overlong line, only its excess length matters
-        readings = [_read(line) for line in lines]
+        readings = [_read(line) for line in self._lines.feed(data)]
         self.rejected += readings.count(None)
         return [reading for reading in readings if reading is not None]
 

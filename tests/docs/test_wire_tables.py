@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from cfid.wire import rdt_status
+from cfid.wire.layout import Layout
 from tests.places import ROOT
 
 TEXT = (ROOT / "docs" / "reference" / "wires.md").read_text(encoding="utf-8")
@@ -42,8 +43,9 @@ def _constants(where: ModuleType) -> Iterator[str]:
     own = {name for names in assigned for name in names.split(", ")}
     own |= set(re.findall(r"^class (\w+)\(", source, re.MULTILINE))
     for name, value in vars(where).items():
-        if isinstance(value, struct.Struct):
+        if isinstance(value, struct.Struct | Layout):
             yield f"{name}.format"
+            yield from [f"{name}.mark"] if getattr(value, "mark", ()) else []
         elif name in own:
             yield from _rows(name, value)
 

@@ -211,7 +211,7 @@ def lift_n(addresses: Addresses) -> float:
                 received.append(client.recv(2048))
     assert len(received) > 1000
     records = decode_records(b"".join(received))
-    return float(records.counts[:, 2].mean() / 1e6) - 1.4
+    return float(records["counts"][:, 2].mean() / 1e6) - 1.4
 
 
 @pytest.mark.usefixtures("no_usb")
@@ -318,7 +318,7 @@ def listen(addresses: Addresses, client: Client, *, until_s: float) -> tuple[Any
             while True:
                 datagrams.append(cell.recv(2048))
         cell.sendto(encode_request(Request(Command.STOP)), (addresses.address, addresses.rdt_port))
-    return decode_records(b"".join(datagrams)).counts[:, 2] / 1e6, crossings
+    return decode_records(b"".join(datagrams))["counts"][:, 2] / 1e6, crossings
 
 
 def test_pings_measure_what_the_radio_did(served: Served) -> None:

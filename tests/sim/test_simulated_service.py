@@ -39,7 +39,7 @@ def test_both_instruments_watch_something_that_moves(in_reactor: InReactor, swin
         client.settimeout(2)
         client.sendto(encode_request(Request(Command.REAL_TIME, 3500)), (addresses.address, addresses.rdt_port))
         records = decode_records(b"".join(client.recv(2048) for _ in range(3500)))
-    assert records.counts[-700:, 2].mean() / 1e6 == pytest.approx(1.4 + 4 * 0.0732, rel=0.02)
+    assert records["counts"][-700:, 2].mean() / 1e6 == pytest.approx(1.4 + 4 * 0.0732, rel=0.02)
     reader = PositionReader(word_bits=22)
     with serial.Serial(str(addresses.encoder_port), timeout=2) as port:
         readings = []

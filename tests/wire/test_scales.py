@@ -1,15 +1,13 @@
 """Lines of scales in any slicing and with any damage: only a whole line of a known form is a weight."""
 
 import pickle
-from itertools import pairwise
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from cfid.wire.scales import ScalesReader, Weight, read_weight
-
-FEW = settings(max_examples=300, deadline=None, derandomize=True)
+from tests.wire.pieces import FEW, flipped, sliced, slicings
 
 LINES = [
     # as manuals show them: A&D, Kern, Tiger, Salter Brecknell; MT-SICS reference manual
@@ -27,54 +25,17 @@ LINES = [
     (b"12. G", Weight(12.0, None)),
 ]
 NO_WEIGHTS = [
-    b"",
-    b" ",
-    b"g",
-    b"12.34",
-    b"12,34 g",
-    b"1.2.3 g",
-    b"--1 g",
-    b"1 2 g",
-    b"1e3 g",
-    b"nan g",
-    b"12 gg",
-    b"12 ozt",
-    b"12 PC",
-    b"12 N",
-    b"12 %",
-    b"OL,GS,+",
-    b"OL,+999999.9 g",
-    b"QT,+00012345 PC",
-    b"ST,TR,+0001.23 kg",
-    b"ST,GS,+0001.23",
-    b"XX,GS,+0001.23 kg",
-    b"T,GS,+0001.23 kg",
-    b"S I",
-    b"S +",
-    b"S -",
-    b"S X 1 g",
-    b"SS 1 g",
-    b"S  S 1 g",
-    b"ES",
-    b"H 1 g",
-    "１２ g".encode(),
-    b"12\xff g",
-    b"1234567890 g",
+    *(b"", b" ", b"g", b"12.34", b"12,34 g", b"1.2.3 g", b"--1 g", b"1 2 g", b"1e3 g", b"nan g", b"12 gg", b"12 ozt"),
+    *(b"12 PC", b"12 N", b"12 %", b"OL,GS,+", b"OL,+999999.9 g", b"QT,+00012345 PC", b"ST,TR,+0001.23 kg"),
+    *(b"ST,GS,+0001.23", b"XX,GS,+0001.23 kg", b"T,GS,+0001.23 kg", b"S I", b"S +", b"S -", b"S X 1 g", b"SS 1 g"),
+    *(b"S  S 1 g", b"ES", b"H 1 g", "１２ g".encode(), b"12\xff g", b"1234567890 g"),
 ]
 
 HEADED = [line for line, weight in LINES if weight.stable is not None]
 ENDS = (b"\r", b"\n", b"\r\n")
 
-slicings = st.lists(st.integers(1, 25), min_size=1, max_size=4)
 pieces = st.sampled_from([line for line, _ in LINES] + NO_WEIGHTS + [*ENDS, b"7" * 70, b" " * 70])
 streams = st.lists(pieces | st.binary(max_size=3), max_size=12).map(b"".join)
-
-
-def sliced(stream: bytes, sizes: list[int]) -> list[bytes]:
-    ends = [0]
-    while ends[-1] < len(stream):
-        ends.append(ends[-1] + sizes[len(ends) % len(sizes)])
-    return [stream[begin:end] for begin, end in pairwise(ends)]
 
 
 @pytest.mark.parametrize(("line", "weight"), LINES)
@@ -137,18 +98,13 @@ def test_once_lines_have_heads_one_without_has_lost_its_own() -> None:
 
 @pytest.mark.parametrize("line", HEADED)
 def test_a_flipped_bit_behind_a_head_is_found_or_makes_one_digit_another_or_a_0_of_a_space(line: bytes) -> None:
-    sent = line + b"\r\n"
-    found = read_weight(line)
-    assert found is not None
-    for bit in range(8 * len(sent)):
-        flipped = bytearray(sent)
-        flipped[bit // 8] ^= 1 << bit % 8
+    sent, weight = line + b"\r\n", read_weight(line)
+    for damaged in flipped(sent):
         reader = ScalesReader()
         reader.feed(sent)
-        for weight in reader.feed(bytes(flipped)):
-            if weight != found:
-                assert weight.stable is found.stable
-                before, after = chr(sent[bit // 8]), chr(flipped[bit // 8])
+        for other in reader.feed(damaged):
+            if other != weight:
+                ((before, after),) = ((chr(a), chr(b)) for a, b in zip(sent, damaged, strict=True) if a != b)
                 assert (before + after).isdigit() or {before, after} == {"0", " "}
 
 

@@ -6,6 +6,7 @@ from cfid.wire.crtp import Packet
 from cfid.wire.supervisor import (
     ASK_STATE,
     RELAX_SETPOINT,
+    VehicleState,
     decode_arming,
     decode_recovery,
     decode_state,
@@ -38,34 +39,26 @@ WORDS = [
 ]
 
 
+def state_of(payload: str) -> VehicleState:
+    state = decode_state(bytes.fromhex(payload))
+    assert state is not None
+    return state
+
+
 @pytest.mark.parametrize(("payload", "name"), WORDS)
-def test_a_word_names_its_state(payload: str, name: str) -> None:
-    state = decode_state(bytes.fromhex(payload))
-
-    assert state is not None
+def test_a_word_names_its_state_and_what_to_do_where_motors_cannot_start(payload: str, name: str) -> None:
+    state = state_of(payload)
     assert state.name == name
+    assert state.is_passing == (name == "not ready")
+    assert state.can_fly == (name in ("ready", "flying"))
+    assert bool(state.remedy) == (name in ("locked", "crashed", "tumbled", "deck fault"))
 
 
-@pytest.mark.parametrize(("payload", "can_fly"), [("8c0e02", True), ("8c1a02", True), ("8c0602", False)])
-def test_motors_may_run_where_the_word_lets_it_fly(payload: str, can_fly: bool) -> None:
-    state = decode_state(bytes.fromhex(payload))
-
-    assert state is not None
-    assert state.can_fly is can_fly
-
-
-@pytest.mark.parametrize("name", ["locked", "crashed", "tumbled", "deck fault"])
-def test_what_keeps_motors_from_starting_has_a_remedy(name: str) -> None:
-    states = [decode_state(bytes.fromhex(payload)) for payload, named in WORDS if named == name]
-
-    assert all(state is not None and state.remedy for state in states)
-
-
-@pytest.mark.parametrize("name", ["ready", "flying", "arming", "disarmed", "not ready"])
-def test_what_passes_by_itself_has_none(name: str) -> None:
-    states = [decode_state(bytes.fromhex(payload)) for payload, named in WORDS if named == name]
-
-    assert all(state is not None and not state.remedy for state in states)
+@pytest.mark.parametrize(
+    ("payload", "armed", "arms_itself"), [("8c0702", True, True), ("8c0102", False, False), ("8c0402", False, True)]
+)
+def test_a_word_has_whether_the_vehicle_is_armed_and_by_whom(payload: str, armed: bool, arms_itself: bool) -> None:
+    assert (state_of(payload).armed, state_of(payload).arms_itself) == (armed, arms_itself)
 
 
 @pytest.mark.parametrize("payload", ["", "8c", "8c0e", "8c0e0200", "810e02", "8b0e02"])
@@ -84,35 +77,27 @@ def test_the_requests_are_those_of_the_firmware() -> None:
 
 
 @pytest.mark.parametrize(
-    ("payload", "protocol", "granted"),
+    ("payload", "protocol", "arming", "recovery"),
     [
-        ("810101", 12, True),
-        ("810000", 12, False),
-        ("810100", 12, True),
-        ("0101", 12, None),
-        ("8101", 12, None),
-        ("820101", 12, None),
-        ("0101", 10, True),  # the last of the old port's three bytes is cut off
-        ("0100", 10, False),
-        ("010101", 10, True),
-        ("01", 10, None),
-        ("810101", 10, None),
+        ("810101", 12, True, None),
+        ("810000", 12, False, None),
+        ("810100", 12, True, None),
+        ("820101", 12, None, True),  # as recorded from the firmware: granted to an upright vehicle
+        ("820000", 12, None, False),  # refused to one that lies on its back
+        ("0101", 12, None, None),
+        ("020101", 12, None, None),
+        ("8101", 12, None, None),
+        ("0101", 10, True, None),  # the last of the old port's three bytes is cut off
+        ("0100", 10, False, None),
+        ("010101", 10, True, None),
+        ("020101", 10, None, True),
+        ("0200", 10, None, False),
+        ("01", 10, None, None),
+        ("810101", 10, None, None),
     ],
 )
-def test_the_answer_to_arming_is_read_in_either_protocol(payload: str, protocol: int, granted: bool | None) -> None:
-    assert decode_arming(bytes.fromhex(payload), protocol=protocol) is granted
-
-
-@pytest.mark.parametrize(
-    ("payload", "protocol", "granted"),
-    [
-        ("820101", 12, True),  # as recorded from the firmware: granted to an upright vehicle
-        ("820000", 12, False),  # refused to one that lies on its back
-        ("810101", 12, None),
-        ("020101", 12, None),
-        ("020101", 11, True),
-        ("0200", 11, False),
-    ],
-)
-def test_the_answer_to_a_recovery_is_read_in_either_protocol(payload: str, protocol: int, granted: bool | None) -> None:
-    assert decode_recovery(bytes.fromhex(payload), protocol=protocol) is granted
+def test_an_answer_is_read_in_either_protocol(
+    payload: str, protocol: int, arming: bool | None, recovery: bool | None
+) -> None:
+    assert decode_arming(bytes.fromhex(payload), protocol=protocol) is arming
+    assert decode_recovery(bytes.fromhex(payload), protocol=protocol) is recovery

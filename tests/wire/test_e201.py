@@ -1,0 +1,174 @@
+"""The E201's commands, and its replies in any slicing and with any damage: only whole replies are positions."""
+
+import pickle
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cfid.wire import e201
+from cfid.wire.e201 import EncoderReading, PositionReader
+from cfid.wire.rls import STEPS_PER_TURN, decode_words, encode_positions
+from tests.wire.pieces import FEW, flipped, sliced, slicings
+
+WORD_LIMIT = 1 << 22
+WORDS: list[int] = encode_positions(np.arange(STEPS_PER_TURN)).tolist()
+FORMS = {"stamped": b"%d:1000000\r", "stamped with a space": b"%d 1000000\r", "plain": b"%d\r"}
+
+WHOLE = (b"4194047:123456789\r", b"0 0\r", b"\n512:4294967295\r", b"4194047\r", b"\n15872\r", b"0000000512\r")
+DAMAGE = (b"Error\r", b"\r", b"\n", b"\r\n", b":", b" ", b"4", b"19", b"4194304:5\r", b"1:4294967296\r", b"9" * 70)
+
+streams = st.lists(st.sampled_from(WHOLE + DAMAGE) | st.binary(max_size=3), max_size=12).map(b"".join)
+
+
+# Commands, and replies about the device itself
+
+
+@pytest.mark.parametrize(("bits", "command"), [(1, b"B01\r"), (22, b"B22\r"), (32, b"B32\r")])
+def test_a_word_width_is_set_with_two_digits_and_an_end(bits: int, command: bytes) -> None:
+    assert e201.set_word_width(bits) == command
+
+
+@pytest.mark.parametrize("bits", [-1, 0, 33, 100])
+def test_a_word_width_that_no_word_has_is_refused(bits: int) -> None:
+    with pytest.raises(ValueError):
+        e201.set_word_width(bits)
+
+
+@pytest.mark.parametrize(
+    ("reply", "bits"),
+    [
+        (b"22", 22),
+        (b"B13", 13),
+        (b"SSI bits: 9", 9),
+        (b"0", 0),
+        (b"", None),
+        (b"Error", None),
+        (b"222", None),
+        (b"13 of 22", None),
+        (b"4194047:1", None),
+    ],
+)
+def test_a_word_width_is_read_from_a_reply_with_one_number(reply: bytes, bits: int | None) -> None:
+    assert e201.word_width(reply) == bits
+
+
+@pytest.mark.parametrize(
+    ("reply", "named"), [(b"E201-9S v1.20", True), (b"RLS E201", True), (b"Crazyflie", False), (b"", False)]
+)
+def test_an_e201_is_known_by_its_version(reply: bytes, named: bool) -> None:
+    assert e201.names_e201(reply) is named
+
+
+# Positions
+
+
+def number(text: bytes, limit: int) -> int | None:
+    if not 1 <= len(text) <= 10 or set(text) - set(b"0123456789"):
+        return None
+    return int(text) if int(text) < limit else None
+
+
+def reading_of(reply: bytes) -> EncoderReading | None:
+    """Return the reading of a whole reply, parsed without the pattern of the tested reader."""
+    fields = reply.removeprefix(b"\n").replace(b":", b" ").split(b" ")
+    numbers = [number(text, limit) for text, limit in zip(fields, (WORD_LIMIT, 1 << 32), strict=False)]
+    if len(reply) > 64 or len(fields) > 2 or None in numbers or numbers[0] is None:
+        return None
+    return EncoderReading(numbers[0], numbers[1] if len(fields) == 2 else None)
+
+
+def expected(replies: list[bytes]) -> list[EncoderReading]:
+    """Return the readings of replies: of either form until two in a row have the same form, then only of that form."""
+    readings: list[EncoderReading] = []
+    form: bool | None = None
+    for reading in filter(None, map(reading_of, replies)):
+        stamped = reading.stamp_us is not None
+        if form is None or stamped == form:
+            if readings and stamped == (readings[-1].stamp_us is not None):
+                form = stamped
+            readings.append(reading)
+    return readings
+
+
+@FEW
+@given(stream=streams, sizes=slicings)
+def test_of_a_damaged_stream_whole_replies_are_read_and_all_others_counted(stream: bytes, sizes: list[int]) -> None:
+    *replies, rest = stream.split(b"\r")
+    reader = PositionReader(word_bits=22)
+    readings = [reading for part in sliced(stream, sizes) for reading in reader.feed(part)]
+    assert readings == expected(replies)
+    assert len(readings) + reader.rejected == len(replies)
+    reader.forget()
+    assert len(readings) + reader.rejected == len(replies) + (rest not in (b"", b"\n"))
+
+
+@pytest.mark.parametrize(
+    ("wire", "reading"),
+    [
+        (b"4194047\r", EncoderReading(4194047, None)),
+        (b"4194047:1234567\r", EncoderReading(4194047, 1234567)),
+        (b"4194047 1234567\r", EncoderReading(4194047, 1234567)),
+        (b"\n513:2\r\n", EncoderReading(513, 2)),
+        (b"0:4294967295\r", EncoderReading(0, 4294967295)),
+    ],
+)
+def test_a_reply_is_a_position_and_a_stamp_behind_a_colon_or_a_space(wire: bytes, reading: EncoderReading) -> None:
+    reader = PositionReader(word_bits=22)
+    assert reader.feed(wire) == [reading]
+    reader.forget()
+    assert reader.rejected == 0
+
+
+@pytest.mark.parametrize(
+    "wire",
+    [
+        *(b"\r", b":\r", b"1:\r", b":1\r", b"1::2\r", b"1:2:3\r", b"-1:2\r", b"+1:2\r", b"1.0:2\r", b"1_0:2\r"),
+        *(b"0x10:2\r", b" 1:2\r", b"1:2 \r", b"1\t2\r", b"1\n2\r", b"\n\n1:2\r", "١:2\r".encode()),
+        *(b"4194304:2\r", b"1:4294967296\r", b"1:00000000002\r"),
+    ],
+)
+def test_a_reply_that_is_no_position_is_rejected(wire: bytes) -> None:
+    reader = PositionReader(word_bits=22)
+    assert reader.feed(wire) == []
+    assert (reader.rejected, reader.errors) == (1, 0)
+
+
+def test_errors_and_names_are_counted() -> None:
+    reader = PositionReader(word_bits=22)
+    assert reader.feed(b"Error\r5:1\rE201-9S\rSSI ERROR: no power\r6:2\r") == [(5, 1), (6, 2)]
+    assert (reader.rejected, reader.errors, reader.names) == (2, 2, 1)
+
+
+@pytest.mark.parametrize("missed", range(1, len(b"4194047:123456")))
+def test_a_first_reply_whose_beginning_was_missed_costs_none_of_those_after_it(missed: int) -> None:
+    reader = PositionReader(word_bits=22)
+    reader.feed(b"4194047:123456\r"[missed:])
+    assert reader.feed(b"512:1\r513:2\r") == [(512, 1), (513, 2)]
+
+
+@pytest.mark.parametrize(("stamped", "strange"), [(True, b"514\r"), (False, b"514:1\r")])
+def test_a_reader_that_is_told_the_form_takes_no_other_even_at_first(stamped: bool, strange: bytes) -> None:
+    reader = PositionReader(word_bits=22, stamped=stamped)
+    assert reader.feed(strange + b"1:2\r3\r" + strange) == [(1, 2) if stamped else (3, None)]
+    assert reader.rejected == 3
+
+
+def test_endless_input_without_an_end_is_one_rejected_reply_and_not_remembered() -> None:
+    reader = PositionReader(word_bits=22)
+    for _ in range(200):
+        reader.feed(b"7" * 10_000)
+        assert len(pickle.dumps(reader)) < 1000
+    assert reader.feed(b"\r3:4\r") == [(3, 4)]
+    assert reader.rejected == 1
+
+
+@pytest.mark.parametrize("form", FORMS.values(), ids=FORMS.keys())
+def test_no_flipped_bit_of_a_reply_is_taken_for_another_position_thanks_to_the_words_check(form: bytes) -> None:
+    for position in range(0, STEPS_PER_TURN, 97):
+        for damaged in flipped(form % WORDS[position]):
+            reader = PositionReader(word_bits=22)
+            assert len(reader.feed(form % 512 + form % 1024)) == 2
+            decoded = decode_words(np.array([reading.position for reading in reader.feed(damaged)], np.int64))
+            assert set(decoded.position[decoded.valid].tolist()) <= {position}

@@ -1,0 +1,221 @@
+"""What a Net F/T says of itself over HTTP, the requests that it gets, and its single readings over TCP."""
+
+import math
+import re
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cfid.wire.netft import (
+    READ_FORCES,
+    LoadReading,
+    Settings,
+    active_configuration,
+    configuration_query,
+    encode_reading,
+    rate_query,
+    read_reading,
+    read_settings,
+)
+from tests.wire.pieces import FEW
+
+PAGE = """<?xml version="1.0" encoding="UTF-8"?>
+<?xml-stylesheet type="text/xsl" href="netft.xsl"?>
+<netft>
+  <prodname>Net F/T</prodname>
+  <mfgdigver>2.0.18</mfgdigver> <mfgdigsn>N00000</mfgdigsn>
+  <setcfgsel>3</setcfgsel>
+  <setuserfilter>0</setuserfilter>
+  <setbias>12;-7;0;3;-1500;99</setbias>
+  <runstat>0x00000000</runstat>
+  <cfg>
+    <cfgnam>rig &amp; arm</cfgnam>
+    <cfgcalsn>FT00000</cfgcalsn>
+    <cfgcpf>1000000</cfgcpf><cfgcpt>1000000</cfgcpt>
+    <cfgmr>130;130;400;10;10;10</cfgmr>
+    <cfgtfx>0;0;0;0;0;0</cfgtfx>
+    <empty></empty><empty/>
+  </cfg>
+  <scfgfu>N</scfgfu>
+  <scfgtu>
+    Nm
+  </scfgtu>
+  <comrdte>Enabled</comrdte>
+  <comrdtrate>7000</comrdtrate>
+  <comrdtbsiz>40</comrdtbsiz>
+</netft>
+"""
+READ = Settings(
+    product="Net F/T",
+    firmware="2.0.18",
+    configuration="rig & arm",
+    calibration_serial="FT00000",
+    counts_per_force=1e6,
+    counts_per_torque=1e6,
+    force_unit="N",
+    torque_unit="Nm",
+    ranges=(130, 130, 400, 10, 10, 10),
+    bias=(12, -7, 0, 3, -1500, 99),
+    rdt_enabled=True,
+    rate_hz=7000,
+    buffer_size=40,
+)
+NEEDED = ["prodname", "cfgcpf", "cfgcpt", "scfgfu", "scfgtu", "comrdtrate", "comrdtbsiz"]
+NUMBERS = ["cfgcpf", "cfgcpt", "comrdtrate", "comrdtbsiz"]
+OPTIONAL = ["mfgdigver", "cfgnam", "cfgcalsn", "cfgmr", "setbias", "comrdte"]
+VALUES = [
+    *("", "7", "-1", "nan", "inf", "1e400", "0.5", "N", "N-m", "1;2;3;4;5;6", "1;2;3;4;5;inf", "5e-324", "&lt;", "Ω"),
+    *("<", "</netft>"),
+]
+
+
+def page_with(**texts: str) -> str:
+    page = PAGE
+    for tag, text in texts.items():
+        page = re.sub(f"<{tag}>[^<]*</{tag}>", f"<{tag}>{text}</{tag}>", page)
+    return page
+
+
+def page_without(tag: str) -> str:
+    return re.sub(f"<{tag}>[^<]*</{tag}>", "", PAGE)
+
+
+# Settings
+
+
+def test_a_page_is_read_tag_by_tag() -> None:
+    assert read_settings(PAGE) == READ
+    assert (READ.counts_per_n, READ.counts_per_nm, READ.family) == (1e6, 1e6, "netft")
+    assert active_configuration(PAGE) == 3
+
+
+@FEW
+@given(texts=st.dictionaries(st.sampled_from([*NEEDED, *OPTIONAL]), st.sampled_from(VALUES), max_size=4))
+def test_any_page_is_refused_or_has_settings_that_can_be_meant(texts: dict[str, str]) -> None:
+    try:
+        settings = read_settings(page_with(**texts))
+    except ValueError:
+        return
+    assert 1e-3 <= settings.counts_per_n <= 1e12
+    assert 1e-3 <= settings.counts_per_nm <= 1e12
+    assert all(map(math.isfinite, settings.ranges + settings.bias))
+    assert min(settings.rate_hz, settings.buffer_size) >= 1
+    assert {len(settings.ranges), len(settings.bias)} <= {0, 6}
+
+
+@pytest.mark.parametrize(
+    ("unit", "counts", "counts_per_nm"),
+    [
+        ("N-m", "1000000", 1e6),
+        ("Nmm", "1000", 1e6),
+        ("N-mm", "1000", 1e6),
+        ("kNm", "1e6", 1e3),
+        ("lbf-in", "1000000", 1e6 / 0.112984829),
+        ("lbf-ft", "1000000", 1e6 / 1.355817948),
+        ("kgf-cm", "1000000", 1e6 / 0.0980665),
+    ],
+)
+def test_torque_counts_of_any_unit_become_those_of_a_newton_metre(unit: str, counts: str, counts_per_nm: float) -> None:
+    assert read_settings(page_with(scfgtu=unit, cfgcpt=counts)).counts_per_nm == pytest.approx(counts_per_nm, rel=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("unit", "counts_per_n"),
+    [("kN", 1e3), ("lbf", 1e6 / 4.448221615), ("klbf", 1e3 / 4.448221615), ("kgf", 1e6 / 9.80665)],
+)
+def test_force_counts_of_any_unit_become_those_of_a_newton(unit: str, counts_per_n: float) -> None:
+    assert read_settings(page_with(scfgfu=unit)).counts_per_n == pytest.approx(counts_per_n, rel=1e-8)
+
+
+@pytest.mark.parametrize("tag", NEEDED)
+def test_a_page_without_a_needed_tag_is_refused_by_its_name(tag: str) -> None:
+    with pytest.raises(ValueError, match=f"<{tag}>"):
+        read_settings(page_without(tag))
+
+
+@pytest.mark.parametrize("tag", OPTIONAL)
+def test_a_page_without_what_is_only_told_is_read(tag: str) -> None:
+    assert read_settings(page_without(tag)).counts_per_n == 1e6
+
+
+@pytest.mark.parametrize(
+    ("tag", "text"),
+    [(tag, text) for tag in NUMBERS for text in ("0", "-1", "nan", "inf", "-inf", "1e400", "", "many", "1,000")]
+    + [("comrdtrate", "0.5"), ("comrdtbsiz", "0.5")],
+)
+def test_a_number_that_cannot_be_meant_is_refused_by_its_tags_name(tag: str, text: str) -> None:
+    with pytest.raises(ValueError, match=f"<{tag}>"):
+        read_settings(page_with(**{tag: text}))
+
+
+@pytest.mark.parametrize(
+    ("tag", "text", "unit"),
+    [
+        ("cfgcpf", "1e-320", "N"),
+        ("cfgcpf", "5e-324", "lbf"),
+        ("cfgcpf", "1e308", "klbf"),
+        ("cfgcpt", "1e308", "Nmm"),
+        ("cfgcpt", "5e-324", "lbf-ft"),
+    ],
+)
+def test_counts_per_newton_that_no_load_cell_has_are_refused_in_every_unit(tag: str, text: str, unit: str) -> None:
+    unit_tag = "scfgfu" if tag == "cfgcpf" else "scfgtu"
+    with pytest.raises(ValueError, match=f"<{tag}>"):
+        read_settings(page_with(**{tag: text, unit_tag: unit}))
+
+
+@pytest.mark.parametrize(("tag", "text"), [("scfgfu", "furlong"), ("scfgtu", "N"), ("scfgfu", "")])
+def test_an_unknown_unit_is_refused_by_its_name(tag: str, text: str) -> None:
+    with pytest.raises(ValueError, match=f"'{text}'"):
+        read_settings(page_with(**{tag: text}))
+
+
+@pytest.mark.parametrize(
+    "page",
+    [
+        *(page_with(setcfgsel=text) for text in ("nan", "inf", "1.5", "-1", "", "second")),
+        "<html><body>404</body></html>",
+    ],
+)
+def test_a_page_that_does_not_say_the_active_configuration_is_refused(page: str) -> None:
+    with pytest.raises(ValueError, match="<setcfgsel>"):
+        active_configuration(page)
+
+
+@pytest.mark.parametrize(
+    ("text", "numbers"),
+    [(text, (1, 2, 3, 4, 5, 6)) for text in ("1,2,3,4,5,6", "1 2 3 4 5 6", "1; 2; 3; 4; 5; 6")]
+    + [(text, ()) for text in ("", "1;2;3", "1;2;3;4;5;x", "1;2;3;4;5;6;7", "1;1;1;1;1;nan", "0;0;0;0;0;1e400")],
+)
+def test_six_finite_numbers_are_read_with_any_separator(text: str, numbers: tuple[float, ...]) -> None:
+    settings = read_settings(page_with(cfgmr=text, setbias=text))
+    assert settings.ranges == settings.bias == numbers
+
+
+@pytest.mark.parametrize(("text", "enabled"), [("Enabled", True), ("1", True), ("Disabled", False), ("0", False)])
+def test_a_page_tells_whether_rdt_is_on(text: str, enabled: bool) -> None:
+    assert read_settings(page_with(comrdte=text)).rdt_enabled is enabled
+
+
+def test_requests_are_what_the_boxs_own_pages_send() -> None:
+    assert configuration_query(3) == "/netftapi2.xml?index=3"
+    assert rate_query(rate_hz=7000, buffer_size=40) == "/comm.cgi?comrdte=1&comrdtrate=7000&comrdtbsiz=40"
+
+
+# Single readings
+
+ANSWER = bytes.fromhex("1234 8001 0001 FFFF 7FFF 8000 0100 FF00")
+
+
+def test_a_reading_is_the_upper_half_of_the_status_word_and_six_counts() -> None:
+    reading = LoadReading(0x8001, (1, -1, 32767, -32768, 256, -256))
+    assert bytes(20) == READ_FORCES
+    assert read_reading(ANSWER) == reading
+    assert encode_reading(reading) == ANSWER
+
+
+@pytest.mark.parametrize("data", [b"", ANSWER[:15], ANSWER + b"\x00", b"\x34\x12" + ANSWER[2:], bytes(16)])
+def test_anything_else_is_no_reading(data: bytes) -> None:
+    with pytest.raises(ValueError):
+        read_reading(data)
