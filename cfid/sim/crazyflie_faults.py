@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from cfid.sim.crazyflie import PROTOCOL, Crazyflie, LeavingPacket
-from cfid.sim.crazyflie_commander import GENERIC_SETPOINT_PORT, SETPOINT_PORT
 from cfid.sim.crazyflie_stops import answer_only, is_stop, misnumbered
 from cfid.sim.faults import CrazyflieFaults, within
 from cfid.sim.netft import Address
 from cfid.sim.propulsion import Four, Propulsion
 from cfid.sim.radio import Ping, Radio
+from cfid.sim.supervisor import GENERIC_SETPOINT_PORT, SETPOINT_PORT
 from cfid.wire.app import PingChannel
 from cfid.wire.crtp import ECHO_CHANNEL, ECHO_PORT, Packet, decode_packet
 
@@ -171,7 +171,7 @@ class FaultyCrazyflie:
             vehicle.turn(math.cos(math.radians(faults.tumble_deg)) if tumbled else 1.0)
         if within(elapsed_s, faults.emergency_after_s, None) and not self._stopped:
             self._stopped = True
-            vehicle.supervisor.stop_for_good()
+            vehicle.supervisor.stopped = True
         low = within(elapsed_s, faults.low_battery_after_s, None)
         self._propulsion.battery.at_most_v = _LOW_V if low else math.inf
 

@@ -19,7 +19,7 @@ from cflib.crtp.udpdriver import UdpDriver
 from twisted.internet.posixbase import PosixReactorBase
 
 from cfid.records.rig_file import thesis_rig
-from cfid.sim.crazyflie_truth import CrazyflieTruth
+from cfid.sim.crazyflie import CrazyflieTruth
 from cfid.sim.faults import CrazyflieFaults
 from cfid.sim.motor_trace import trace_motors
 from cfid.sim.propulsion import STILL

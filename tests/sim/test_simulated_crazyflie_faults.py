@@ -8,7 +8,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from cfid.sim.battery import BatteryTruth
-from cfid.sim.crazyflie_truth import CrazyflieTruth
+from cfid.sim.crazyflie import CrazyflieTruth
 from cfid.sim.faults import CrazyflieFaults
 from cfid.sim.propulsion import STILL
 from cfid.sim.radio import RadioTruth
