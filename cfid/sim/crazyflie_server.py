@@ -10,8 +10,7 @@ from twisted.internet.protocol import DatagramProtocol
 from twisted.internet.udp import Port
 
 from cfid.sim.crazyflie_faults import FaultyCrazyflie
-from cfid.sim.netft import Address
-from cfid.sim.netft_server import LOOPBACK
+from cfid.sim.netft import LOOPBACK, Address
 
 
 class CrazyflieServer:

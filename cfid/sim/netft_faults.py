@@ -34,6 +34,7 @@ class FaultyNetFT:
         """Count the faults' times from `opened_s`."""
         self.box = box
         self.faults = faults
+        self.slow_s = faults.slow_s
         self.mishaps = NetftMishaps()
         self._opened_s = opened_s
         self._rng = rng

@@ -30,9 +30,8 @@ from cfid.sim.faults import (
 from cfid.sim.imu import Hanging, Imu
 from cfid.sim.lines import LineSender
 from cfid.sim.loadcell import SimulatedLoadCell
-from cfid.sim.netft import NetFTBox
+from cfid.sim.netft import ANY_FREE, LOOPBACK, BoxPorts, NetFTBox, NetFTServer
 from cfid.sim.netft_faults import FaultyNetFT
-from cfid.sim.netft_server import ANY_FREE, LOOPBACK, BoxPorts, NetFTServer
 from cfid.sim.plants import DroppingWeight
 from cfid.sim.propulsion import STILL, Four, OnMotors, Propulsion
 from cfid.sim.pty import PtyPort
