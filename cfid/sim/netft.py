@@ -36,6 +36,7 @@ from cfid.wire.rdt import (
 )
 
 Address = tuple[str, int]
+Datagram = tuple[bytes, Address]
 Plant = Callable[[Array], Array]
 
 LONGEST_STALL_S = 2.0
@@ -169,7 +170,7 @@ class NetFTBox:
                 next_tick=(self._tick(now_s) // self._step + 1) * self._step,
             )
 
-    def due(self, now_s: float) -> list[tuple[bytes, Address]]:
+    def due(self, now_s: float) -> list[Datagram]:
         """Return the datagrams whose samples have all been taken by now.
 
         After a stall, records less than LONGEST_STALL_S old are caught up. The real box never stalls, so older records
@@ -341,9 +342,11 @@ def _joined(values: Sequence[float]) -> str:
 
 
 class ServedBox(Protocol):
-    """A box on its ports, perhaps with faults: `slow_s` delays HTTP and TCP; without power it answers nothing."""
+    """A box on its ports, perhaps with faults; without power it answers nothing."""
 
-    slow_s: float
+    @property
+    def slow_s(self) -> float:
+        """How late it answers over HTTP and TCP."""
 
     @property
     def streaming(self) -> bool:
@@ -355,7 +358,7 @@ class ServedBox(Protocol):
     def request(self, datagram: bytes, client: Address, now_s: float) -> None:
         """Take an RDT request."""
 
-    def due(self, now_s: float) -> list[tuple[bytes, Address]]:
+    def due(self, now_s: float) -> list[Datagram]:
         """Return the datagrams that leave now."""
 
     def page(self, index: int | None = None) -> str:
