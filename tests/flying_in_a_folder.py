@@ -21,7 +21,8 @@ from cfid.records.run import Run, read_run
 from cfid.rig.loop import Loop
 from cfid.sim.faults import CrazyflieFaults, LoadCellFaults
 from cfid.sim.propulsion import STILL, Four
-from cfid.sim.service import SimulatedRig
+from cfid.sim.devices import SimulatedRig
+from cfid.sim.service import ServedRig
 from cfid.sim.truth_file import SimTruth
 from tests.lateness import kept_waiting_s
 from tests.priority import run_devices
@@ -90,13 +91,13 @@ class Bench:
         self.rig = SimulatedRig(
             rig if hung_on else rig.model_copy(update={"mounts": {}}),  # without mounts, no encoder swings
             axis=hung_on,
-            reactor=loop,
-            folder=folder,
+            seconds=loop.seconds,
             seed=5,
             truth=SimTruth.model_validate(truth),
             on_motors=lambda time_s, motors: self.history.append((time_s, motors)),
         )
-        where = self.in_loop(self.rig.open)
+        self._served = ServedRig(self.rig, reactor=loop, folder=folder)
+        where = self.in_loop(self._served.open)
         self.uri = where.crazyflie_uri
         content = re.sub(r"(?ms)^\[devices\.\w+\].*?(?=^\[|^# The axis)", "", new_rig_text())
         (folder / RIG_FILE).write_text(
@@ -151,7 +152,7 @@ class Bench:
             pilot.process.wait()
             if pilot.process.stdin is not None:
                 pilot.process.stdin.close()
-        self.in_loop(self.rig.close)
+        self.in_loop(self._served.close)
 
 
 @contextmanager

@@ -25,12 +25,16 @@ from cfid.records.run import Run, read_run
 from cfid.rig.loop import Loop
 from cfid.rig.sim_file import SIM_FILE
 from cfid.sim.e201 import E201Device, Reply
-from cfid.sim.e201_faults import FaultyE201
-from cfid.sim.faults import SOUND_ENCODER, SOUND_LOADCELL, EncoderFaults, LoadCellFaults
+from cfid.sim.faults import (
+    SOUND_ENCODER,
+    SOUND_LOADCELL,
+    EncoderFaults,
+    FaultyE201,
+    FaultyNetFT,
+    LoadCellFaults,
+)
 from cfid.sim.loadcell import LoadCellTruth, SimulatedLoadCell
-from cfid.sim.netft import Address, NetFTBox
-from cfid.sim.netft_faults import Datagram, FaultyNetFT
-from cfid.sim.netft_server import LOOPBACK, BoxPorts, NetFTServer
+from cfid.sim.netft import LOOPBACK, Address, BoxPorts, Datagram, NetFTBox, NetFTServer
 from cfid.sim.pty import PtyPort
 from cfid.wire.e201 import STOP_CONTINUOUS, VERSION
 from cfid.wire.rdt import Command as RdtCommand

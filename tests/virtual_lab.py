@@ -15,11 +15,9 @@ from cfid.records.rig_file import load_rig, new_rig_text
 from cfid.records.run import Run, read_run
 from cfid.sim.devices import SimulatedRig
 from cfid.sim.e201 import E201Device, Reply
-from cfid.sim.e201_faults import FaultyE201
-from cfid.sim.faults import SOUND_ENCODER, SOUND_LOADCELL, EncoderFaults, LoadCellFaults
+from cfid.sim.faults import SOUND_ENCODER, SOUND_LOADCELL, EncoderFaults, FaultyE201, FaultyNetFT, LoadCellFaults
 from cfid.sim.loadcell import LoadCellTruth, SimulatedLoadCell
-from cfid.sim.netft import Address, NetFTBox
-from cfid.sim.netft_faults import Datagram, FaultyNetFT
+from cfid.sim.netft import Address, Datagram, NetFTBox
 from cfid.sim.virtual import Virtual
 from cfid.wire.e201 import STOP_CONTINUOUS, VERSION
 from cfid.wire.rdt import Command as RdtCommand

@@ -12,7 +12,11 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from cfid.errors import DeviceError
-from cfid.sim.crazyflie_modules import App, Orders, Seen, Sent
+from cfid.sim.propulsion import Four
+
+THRUST, SINE, PING = range(3)
+
+Sent = tuple[int, int, bytes]  # service, channel, payload
 
 _PACKAGE = Path(__file__).parents[1]
 _PLACES = (_PACKAGE, _PACKAGE.parent)  # in an installed package; in the repository
@@ -46,8 +50,8 @@ class CorePacket(ctypes.Structure):
         return bytes(self.data[: self.size])
 
 
-class _Vehicle(ctypes.Structure):
-    """`struct cfid_vehicle`."""
+class Seen(ctypes.Structure):
+    """`struct cfid_vehicle`: the vehicle's state; `idle` is powerDist.idleThrust as its owner set it."""
 
     _fields_ = [
         ("can_fly", ctypes.c_bool),
@@ -57,8 +61,11 @@ class _Vehicle(ctypes.Structure):
     ]
 
 
-class _Orders(ctypes.Structure):
-    """`struct cfid_orders`."""
+class Orders(ctypes.Structure):
+    """`struct cfid_orders`, until the next tick.
+
+    `feeds` gives fresh null setpoints, `idles_off` switches idle thrust off, and `disarms` disarms now.
+    """
 
     _fields_ = [
         ("commands", ctypes.c_uint16 * 4),
@@ -67,6 +74,31 @@ class _Orders(ctypes.Structure):
         ("idles_off", ctypes.c_bool),
         ("disarms", ctypes.c_bool),
     ]
+
+    @property
+    def held(self) -> Four | None:
+        """The commands of the four motors, None to leave them to the stock controller."""
+        one, two, three, four = self.commands
+        return (one, two, three, four) if self.holds else None
+
+
+class App:
+    """The three services on a vehicle, which give orders once a millisecond; this one, of stock firmware, has none."""
+
+    def receive(self, service: int, channel: int, payload: bytes, *, now_us: int, vehicle: Seen) -> None:
+        """Take a request."""
+
+    def tick(self, *, now_us: int, vehicle: Seen) -> Orders:
+        """Advance by a millisecond."""
+        return Orders()
+
+    def sent(self) -> list[Sent]:
+        """Return the packets to send."""
+        return []
+
+    def alive(self, *, now_us: int) -> bool:
+        """Return whether its client's keep-alives are fresh and were not revoked, or a sine plays."""
+        return False
 
 
 class AppCore(App):
@@ -80,17 +112,13 @@ class AppCore(App):
 
     def receive(self, service: int, channel: int, payload: bytes, *, now_us: int, vehicle: Seen) -> None:
         """Take a request."""
-        self._library.cfid_core_receive(
-            self._core, CorePacket.of(service, channel, payload), now_us, _Vehicle(*vehicle)
-        )
+        self._library.cfid_core_receive(self._core, CorePacket.of(service, channel, payload), now_us, vehicle)
 
     def tick(self, *, now_us: int, vehicle: Seen) -> Orders:
         """Advance by a millisecond."""
-        orders = _Orders()
-        self._library.cfid_core_tick(self._core, now_us, _Vehicle(*vehicle), orders)
-        m1, m2, m3, m4 = orders.commands
-        commands = (m1, m2, m3, m4) if orders.holds else None
-        return Orders(commands, orders.feeds, orders.idles_off, orders.disarms)
+        orders = Orders()
+        self._library.cfid_core_tick(self._core, now_us, vehicle, orders)
+        return orders
 
     def sent(self) -> list[Sent]:
         """Return the packets to send."""
@@ -113,7 +141,7 @@ def load_core() -> AppCore:
 @cache
 def load_library() -> ctypes.CDLL:
     """Return the core compiled with this machine's cc or gcc, once in a process. Raises DeviceError."""
-    return declared(compiled(find_source()), vehicle=ctypes.POINTER(_Vehicle), orders=ctypes.POINTER(_Orders))
+    return declared(compiled(find_source()), vehicle=ctypes.POINTER(Seen), orders=ctypes.POINTER(Orders))
 
 
 def compiled(source: Path) -> ctypes.CDLL:

@@ -2,48 +2,98 @@
 
 import math
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from functools import lru_cache, partial
+from typing import Annotated, Literal, NamedTuple
 
-from cfid.sim.crazyflie_commander import GENERIC_SETPOINT_PORT, SETPOINT_PORT, Commander
-from cfid.sim.crazyflie_glue import IDLE, Glue
-from cfid.sim.crazyflie_log import Log
-from cfid.sim.crazyflie_memories import AbsentMemoryError, answer_memory
-from cfid.sim.crazyflie_modules import PING, SINE, THRUST, App, Orders
-from cfid.sim.crazyflie_packets import MEMORY_PORT, SUPERVISOR_PORT, answer_link, framed, new_packet
-from cfid.sim.crazyflie_params import Parameters
-from cfid.sim.crazyflie_platform import COMMAND_CHANNEL, VERSION_CHANNEL, answer_command, answer_version
-from cfid.sim.crazyflie_supervisor import INFO_CHANNEL, UPDATE_STEPS, SimulatedSupervisor
-from cfid.sim.crazyflie_tables import parameters, variables
-from cfid.sim.crazyflie_truth import CrazyflieTruth
-from cfid.sim.imu import Imu, ImuSample
-from cfid.sim.motor_power_set import compensated, overriding
-from cfid.sim.propulsion import STILL, Four, OnMotors, Propulsion
-from cfid.sim.stepping import Array
-from cfid.wire.app import AppPorts, PingChannel, encode_ping_answer
-from cfid.wire.crtp import (
-    BY_NAME_CHANNEL,
-    ECHO_PORT,
-    LOG_DATA_CHANNEL,
-    LOG_PORT,
-    LONGEST_PAYLOAD,
-    PARAMETER_PORT,
-    WRITE_CHANNEL,
-    Packet,
-    decode_packet,
+import numpy as np
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+
+from cfid.records.rig_file import Number, Spread
+from cfid.sim.app_core import PING, SINE, THRUST, App, Orders, Seen
+from cfid.sim.crazyflie_services import (
+    IDLE,
+    MEMORY_PORT,
+    PLATFORM_PORT,
+    SUPERVISOR_PORT,
+    AbsentMemoryError,
+    Log,
+    LoggedVariable,
+    Parameters,
+    answer_link,
+    answer_memory,
+    answer_platform,
+    framed,
+    new_packet,
+    parameters,
 )
+from cfid.sim.imu import Imu, ImuSample
+from cfid.sim.propulsion import STILL, Four, OnMotors, Propulsion
+from cfid.sim.supervisor import (
+    GENERIC_SETPOINT_PORT,
+    SETPOINT_PORT,
+    UPDATE_STEPS,
+    Commander,
+    Priority,
+    SimulatedSupervisor,
+)
+from cfid.wire.app import LARGEST_COMMAND, AppPorts, PingChannel, encode_ping_answer
+from cfid.wire.crtp import ECHO_PORT, LOG_DATA_CHANNEL, LOG_PORT, LONGEST_PAYLOAD, PARAMETER_PORT, Packet, decode_packet
+
+Platform = Literal["cf2", "cf21bl"]
 
 USUAL_PORTS = AppPorts()
 PROTOCOL = 12  # of CRTP, release 2026.08
 BOOT_S = 1.0
 
-_PLATFORM_PORT = 13
 _LONGEST_ECHO = LONGEST_PAYLOAD - 8  # the microseconds follow it
 _TICKS_PER_S = 1000
+_FEED_TICKS = 20
 _IDLE_OF_BRUSHLESS = 7000
 _RPM_PER_RAD_PER_S = 60 / math.tau
+_LARGEST_U16 = 65535
+_EMPTY_V, _FULL_V = 3.0, 4.2
+_ROOM_C = 24.0
 _ATTENTIVE_TICKS = 2000  # without a running motor or a request, after which it sleeps: longer than any pending event
 _CLIENT_GONE_S = 3.0  # without a packet; the vehicle then considers its client gone and stops logging
 _SLACK = 1e-6  # of a tick, for rounding between times and ticks
+
+_EACH, _FIRST_FOR_ALL, _FIRST_COMPENSATED = 1, 2, 3  # of motorPowerSet.enable
+# The firmware's model of a Crazyflie 2.1's motors: thrust in N as a cubic in the motor's voltage.
+_CUBIC_N = (0.005960923942142, -0.01847364358025878, 0.04724465241828281, -0.014830744918356092)
+_LEAST_N, _MOST_N = 0.012817578393224994, 0.12
+_LEAST_V = 2.0
+
+
+def _current(firmware: object) -> object:
+    if firmware in ("old", "thesis"):
+        raise ValueError(
+            "no firmware that cfid can reach has the modules of 2015: write app, whose ports and payloads are theirs, "
+            "or stock"
+        )
+    return firmware
+
+
+class CrazyflieTruth(BaseModel):
+    """Firmware `app` includes cfid's app, `stock` no addition.
+
+    Platform `cf2` is a Crazyflie 2.x, `cf21bl` a Crazyflie 2.1 Brushless: its motors report their speeds, 0 below
+    `stall_rpm`, have idle thrust, and run only while armed. An `rpm_deck` measures speeds too. The vehicle was switched
+    on `powered_for_s` before the rig opened; its clock counts 1 + `clock_skew` microseconds in a true one.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    firmware: Annotated[Literal["app", "stock"], BeforeValidator(_current)] = "app"
+    platform: Platform = "cf2"
+    rpm_deck: bool = False
+    stall_rpm: Spread = 60.0
+    clock_skew: Annotated[Number, Field(gt=-1)] = 0.0
+    powered_for_s: Spread = 100.0
+
+    @property
+    def brushless(self) -> bool:
+        """Whether the motors are brushless."""
+        return self.platform == "cf21bl"
 
 
 class LeavingPacket(NamedTuple):
@@ -100,17 +150,17 @@ class Crazyflie:
         return ImuSample((0.0, 0.0, 0.0), (math.sqrt(max(0.0, 1 - self.acc_z_g**2)), 0.0, self.acc_z_g))
 
     @property
-    def speed_rad_per_s(self) -> Array:
-        """How fast the rotors turn (4,)."""
-        return self._propulsion.speed_rad_per_s(self._time_s(self._ticks))
+    def turning_rpm(self) -> list[float]:
+        """How fast the rotors turn, which an RPM deck measures."""
+        speeds = self._propulsion.speed_rad_per_s(self._time_s(self._ticks))
+        return [float(speed) for speed in speeds * _RPM_PER_RAD_PER_S]
 
     @property
     def rotors_rpm(self) -> list[float]:
         """The speeds that the drivers of brushless motors report, empty without them."""
         if not self._truth.brushless:
             return []
-        speeds = (self.speed_rad_per_s * _RPM_PER_RAD_PER_S).tolist()
-        return [0.0 if speed < self._truth.stall_rpm else speed for speed in speeds]
+        return [0.0 if speed < self._truth.stall_rpm else speed for speed in self.turning_rpm]
 
     @property
     def next_s(self) -> float | None:
@@ -166,21 +216,10 @@ class Crazyflie:
         self.supervisor = SimulatedSupervisor(self._parameters, arms_itself=not truth.brushless)
         self._log = Log(variables(self, rpm_deck=truth.rpm_deck, brushless=truth.brushless))
         self.commander = Commander(self._now_ms)
-        self._glue = Glue(
-            self._load_app(),
-            supervisor=self.supervisor,
-            commander=self.commander,
-            parameters=self._parameters,
-            needs_arming=truth.brushless,
-        )
-        self._answering: dict[int, Callable[[int, bytes], bytes | None]] = {
-            PARAMETER_PORT: self._answer_parameter,
-            LOG_PORT: self._answer_log,
-            SUPERVISOR_PORT: self._answer_supervisor,
-            _PLATFORM_PORT: self._answer_platform,
-            MEMORY_PORT: answer_memory,
-            ECHO_PORT: answer_link,
-        }
+        self._app = self._load_app()
+        self._seen = Seen(needs_arming=truth.brushless)
+        self._fed_ticks = 0
+        self._idles_off = False
         self._on = True
         self._powered_s = self._ready_s = self._received_s = powered_s
         self._ticks = self._sleeps_from = 0
@@ -207,9 +246,10 @@ class Crazyflie:
         now_us = self._microseconds(now_s)
         self._propulsion.advance(now_s)
         self._supervise()
-        orders = self._glue.tick(now_us=now_us)
-        self._set(overriding(self._parameters, volts=self.volts) or self._driven(orders), now_s)
-        if any(self._motors) or orders.feeds or self._glue.app.alive(now_us=now_us):
+        orders = self._app.tick(now_us=now_us, vehicle=self._look())
+        self._carry_out(orders)
+        self._set(_overriding(self._parameters, volts=self.volts) or self._driven(orders), now_s)
+        if any(self._motors) or orders.feeds or self._app.alive(now_us=now_us):
             self._stay_awake()
         for packet in self._app_packets():
             yield LeavingPacket(now_s, packet)
@@ -238,11 +278,36 @@ class Crazyflie:
         self._ticks = min((calm // UPDATE_STEPS + 1) * UPDATE_STEPS, last)
         self._supervise()
 
+    def _look(self) -> Seen:
+        """Return the vehicle's state as `firmware_patches/cfid_app/src/cfid_app.c` passes it to the app."""
+        seen = self._seen
+        seen.can_fly, seen.flying = self.supervisor.can_fly, self.supervisor.flying
+        if self._truth.brushless and not self._idles_off:
+            seen.idle = int(self._parameters[IDLE])
+        return seen
+
+    def _carry_out(self, orders: Orders) -> None:
+        """Carry out the app's orders other than commands, as its connection to the firmware does."""
+        if orders.feeds:
+            if self._fed_ticks % _FEED_TICKS == 0:
+                self.commander.set(Priority.CLIENT)
+            self._fed_ticks += 1
+        elif self._fed_ticks:
+            self.commander.relax()
+            self._fed_ticks = 0
+        if not self._truth.brushless:
+            return
+        if orders.idles_off != self._idles_off:
+            self._parameters[IDLE] = 0 if orders.idles_off else self._seen.idle
+        self._idles_off = orders.idles_off
+        if orders.disarms:
+            self.supervisor.request_arming(False)
+
     def _driven(self, orders: Orders) -> Four:
         """Return the commands that the stabilizer drives."""
         if not self.supervisor.motors_may_run:
             return STILL
-        one, two, three, four = orders.commands or self._flown()
+        one, two, three, four = orders.held or self._flown()
         idle = self._idle
         return max(one, idle), max(two, idle), max(three, idle), max(four, idle)
 
@@ -266,36 +331,35 @@ class Crazyflie:
         port, channel, payload = packet
         if port in self._services:
             yield from self._ask_app(packet, now_s)
+            return
+        try:
+            answer = self._answer(port, channel, payload)
+        except AbsentMemoryError:
+            self.power_off(now_s)  # the firmware stops on a failed assertion
+            return
+        if answer is not None:
+            yield framed(answer, port=port, channel=channel, header=header)
+
+    def _answer(self, port: int, channel: int, payload: bytes) -> bytes | None:
+        """Return what the firmware itself answers, None for nothing."""
+        if port == ECHO_PORT:
+            return answer_link(channel, payload)
+        if port == MEMORY_PORT:
+            return answer_memory(channel, payload)
+        self._stay_awake()  # any other request may concern the motors
+        answer = None
+        if port == PARAMETER_PORT:
+            answer = self._parameters.answer(channel, payload)
+        elif port == LOG_PORT:
+            answer = self._log.answer(channel, payload, self._ticks)
+        elif port == SUPERVISOR_PORT:
+            answer = self.supervisor.answer(channel, payload, self._now_ms())
+        elif port == PLATFORM_PORT:
+            brushless = self._truth.brushless
+            answer = answer_platform(channel, payload, self.supervisor, protocol=self.protocol, brushless=brushless)
         elif port in (SETPOINT_PORT, GENERIC_SETPOINT_PORT):
             self.commander.receive(port, channel, payload)
-            self._stay_awake()
-        elif port in self._answering:
-            try:
-                answer = self._answering[port](channel, payload)
-            except AbsentMemoryError:
-                self.power_off(now_s)  # the firmware stops on a failed assertion
-                return
-            if answer is not None:
-                yield framed(answer, port=port, channel=channel, header=header)
-
-    def _answer_parameter(self, channel: int, payload: bytes) -> bytes | None:
-        if channel in (WRITE_CHANNEL, BY_NAME_CHANNEL):
-            self._stay_awake()  # it may concern the motors
-        return self._parameters.answer(channel, payload)
-
-    def _answer_log(self, channel: int, payload: bytes) -> bytes | None:
-        return self._log.answer(channel, payload, self._ticks)
-
-    def _answer_supervisor(self, channel: int, payload: bytes) -> bytes | None:
-        if channel != INFO_CHANNEL:
-            self._stay_awake()  # motors may spin up, or stop
-        return self.supervisor.answer(channel, payload, self._now_ms())
-
-    def _answer_platform(self, channel: int, payload: bytes) -> bytes | None:
-        if channel == VERSION_CHANNEL:
-            return answer_version(payload, protocol=self.protocol, brushless=self._truth.brushless)
-        self._stay_awake()
-        return answer_command(payload, self.supervisor) if channel == COMMAND_CHANNEL else None
+        return answer
 
     def _ask_app(self, packet: Packet, now_s: float) -> Iterator[bytes]:
         port, channel, payload = packet
@@ -305,9 +369,72 @@ class Crazyflie:
             yield new_packet(port, channel, encode_ping_answer(payload[:_LONGEST_ECHO], now_us))
             return
         self._stay_awake()
-        self._glue.receive(service, channel, payload, now_us=now_us)
+        self._app.receive(service, channel, payload, now_us=now_us, vehicle=self._look())
         yield from self._app_packets()
 
     def _app_packets(self) -> Iterator[bytes]:
-        for service, channel, payload in self._glue.app.sent():
+        for service, channel, payload in self._app.sent():
             yield new_packet(self._ports[service], channel, payload)
+
+
+def variables(vehicle: Crazyflie, *, rpm_deck: bool, brushless: bool) -> list[LoggedVariable]:
+    """Return a selection of the firmware's log variables, of a vehicle that is fastened or hangs in a swing."""
+    supervisor = vehicle.supervisor
+    table = [
+        LoggedVariable("pm.vbat", "f", lambda: vehicle.volts),
+        LoggedVariable("pm.vbatMV", "H", lambda: 1000 * vehicle.volts),
+        LoggedVariable("pm.batteryLevel", "B", lambda: _level_percent(vehicle.volts)),
+        LoggedVariable("pm.state", "b", lambda: 0),
+        LoggedVariable("supervisor.info", "H", lambda: supervisor.bits),
+        LoggedVariable("sys.canfly", "B", lambda: supervisor.can_fly),
+        LoggedVariable("sys.isFlying", "B", lambda: supervisor.flying),
+        LoggedVariable("sys.isTumbled", "B", lambda: supervisor.tumbled),
+        *(LoggedVariable(f"stabilizer.{angle}", "f", lambda: 0.0) for angle in ("roll", "pitch", "yaw")),
+        LoggedVariable("stabilizer.thrust", "f", lambda: max(vehicle.motors)),
+        *_places("gyro.{}", "xyz", "f", lambda axis: vehicle.inertial.gyro_dps[axis]),
+        *_places("acc.{}", "xyz", "f", lambda axis: vehicle.inertial.acc_g[axis]),
+        LoggedVariable("baro.temp", "f", lambda: _ROOM_C),
+        *_places("motor.m{}", "1234", "H", lambda motor: vehicle.motors[motor]),
+        *_places("motor.m{}req", "1234", "i", lambda motor: vehicle.motors[motor]),
+    ]
+    if brushless:
+        table += _places("motor.m{}_rpm", "1234", "H", lambda motor: min(vehicle.rotors_rpm[motor], _LARGEST_U16))
+    if rpm_deck:
+        table += _places("rpm.m{}", "1234", "H", lambda motor: min(vehicle.turning_rpm[motor], _LARGEST_U16))
+    return table
+
+
+def _places(name: str, places: str, kind: str, read: Callable[[int], float]) -> list[LoggedVariable]:
+    return [LoggedVariable(name.format(place), kind, partial(read, i)) for i, place in enumerate(places)]
+
+
+def _level_percent(volts: float) -> float:
+    """Return the charge, estimated from the voltage in steps of ten."""
+    return 10 * round(10 * min(max((volts - _EMPTY_V) / (_FULL_V - _EMPTY_V), 0.0), 1.0))
+
+
+def _overriding(values: Parameters, *, volts: float) -> Four | None:
+    """Return the commands of motorPowerSet, which override everything and do not expire, None while not enabled."""
+    enabled = values["motorPowerSet.enable"]
+    if not enabled:
+        return None
+    one, two, three, four = (int(values[f"motorPowerSet.m{motor}"]) for motor in (1, 2, 3, 4))
+    if enabled == _EACH:
+        return one, two, three, four
+    if enabled == _FIRST_FOR_ALL:
+        return one, one, one, one
+    if enabled == _FIRST_COMPENSATED:
+        command = compensated(one, volts=volts)
+        return command, command, command, command
+    return None
+
+
+@lru_cache(maxsize=256)
+def compensated(command: int, *, volts: float) -> int:
+    """Return the command that gives, at this supply voltage, the fraction command/65535 of the largest thrust."""
+    thrust_n = command / LARGEST_COMMAND * _MOST_N
+    if volts < _LEAST_V or thrust_n < _LEAST_N:
+        return 0
+    roots = np.roots([*_CUBIC_N[:3], _CUBIC_N[3] - thrust_n])
+    motor_v = float(roots[np.argmin(np.abs(roots.imag))].real)  # the cubic is increasing: exactly one root is real
+    return min(int(LARGEST_COMMAND * motor_v / volts), LARGEST_COMMAND)

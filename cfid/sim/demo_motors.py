@@ -7,7 +7,7 @@ from types import MappingProxyType
 import numpy as np
 
 from cfid.sim.demo_runs import PAUSE_S, SimulatedDevice, SimulatedRun, wrench_device
-from cfid.sim.radio import Direction
+from cfid.sim.link import Direction
 from cfid.sim.sine_bench import Bench, SimulatedSine, simulate_sines
 from cfid.sim.stand import STILL_AIR, StandRecord, simulate_stand, staircase_steps
 from cfid.sim.stepping import Array

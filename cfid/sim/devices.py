@@ -12,25 +12,26 @@ from cfid.records.rig_file import EncoderLines, LoadCellLines, Rig
 from cfid.sim.app_core import load_core
 from cfid.sim.axis import DROPS, Axis, dropping, resting, swinging
 from cfid.sim.crazyflie import Crazyflie
-from cfid.sim.crazyflie_faults import FaultyCrazyflie
 from cfid.sim.e201 import E201Device
-from cfid.sim.e201_faults import FaultyE201, SerialDevice
 from cfid.sim.faults import (
     SOUND_CRAZYFLIE,
     SOUND_ENCODER,
     SOUND_LOADCELL,
     CrazyflieFaults,
     EncoderFaults,
+    FaultyCrazyflie,
+    FaultyE201,
+    FaultyNetFT,
     LoadCellFaults,
+    SerialDevice,
 )
 from cfid.sim.imu import Hanging, Imu
 from cfid.sim.lines import LineSender
+from cfid.sim.link import Radio
 from cfid.sim.loadcell import SimulatedLoadCell
 from cfid.sim.netft import NetFTBox
-from cfid.sim.netft_faults import FaultyNetFT
 from cfid.sim.plants import DroppingWeight
 from cfid.sim.propulsion import STILL, Four, OnMotors, Propulsion
-from cfid.sim.radio import Radio
 from cfid.sim.rig import hanging, pendulum, two_threads
 from cfid.sim.stepping import Array
 from cfid.sim.truth_file import USUAL_TRUTH, AxisTruth, SimTruth, as_mounted, draw_vehicle

@@ -13,7 +13,7 @@ from twisted.internet.base import DelayedCall
 from twisted.internet.posixbase import PosixReactorBase
 
 from cfid.sim.e201 import Reply
-from cfid.sim.e201_faults import FaultyE201
+from cfid.sim.faults import FaultyE201
 
 _CONTINUOUS_EVERY_S = 1e-3
 _LONGEST_READ = 4096

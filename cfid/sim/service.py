@@ -7,9 +7,9 @@ from twisted.internet.defer import Deferred, gatherResults
 from twisted.internet.posixbase import PosixReactorBase
 
 from cfid.records.rig_file import Devices, EncoderLines, LoadCellLines
-from cfid.sim.crazyflie_server import CrazyflieServer
 from cfid.sim.devices import SimulatedRig
-from cfid.sim.netft_server import ANY_FREE, LOOPBACK, BoxPorts, NetFTServer
+from cfid.sim.link import CrazyflieServer
+from cfid.sim.netft import ANY_FREE, LOOPBACK, BoxPorts, NetFTServer
 from cfid.sim.pty import PtyPort
 
 

@@ -11,10 +11,10 @@ from cfid.errors import ConfigError
 from cfid.records.files import first_fault, read_toml
 from cfid.records.rig_file import Number, Positive, Rig, Spread, Vector
 from cfid.sim.battery import BatteryTruth
-from cfid.sim.crazyflie_truth import CrazyflieTruth, Platform
+from cfid.sim.crazyflie import CrazyflieTruth, Platform
 from cfid.sim.imu import ImuTruth
+from cfid.sim.link import RadioTruth
 from cfid.sim.loadcell import LoadCellTruth
-from cfid.sim.radio import RadioTruth
 from cfid.sim.rotors import BRUSHLESS, RotorTruth
 from cfid.sim.truth import TrueFriction, Truth, draw_truth, with_errors
 from cfid.sim.wind import WindTruth

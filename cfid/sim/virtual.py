@@ -32,7 +32,7 @@ from cfid.rig.link import Arrived, Link, QueuedPacket
 from cfid.rig.loadcell import RECEIVE_BUFFER_BYTES
 from cfid.rig.loop import Ending
 from cfid.sim.devices import SimulatedRig
-from cfid.sim.netft_server import SENDING_EVERY_S, page_of
+from cfid.sim.netft import SENDING_EVERY_S, page_of
 from cfid.sim.pty import DevicePort
 from cfid.sim.service import Addresses, devices_at
 from cfid.wire.crtp import ECHO_CHANNEL, ECHO_PORT, Packet, decode_packet, encode_echo, encode_packet
@@ -186,7 +186,7 @@ class Virtual(Hardware):
     def page(self, address: Address, path: str) -> Page:
         """Return a page of the simulated box."""
         self._refuse_without_box(address)
-        self.pause(self.rig.loadcell.faults.slow_s)
+        self.pause(self.rig.loadcell.slow_s)
         text = page_of(self.rig.loadcell, path)
         return Page(404, "") if text is None else Page(200, text)
 

@@ -28,7 +28,7 @@ from cflib.crtp.udpdriver import UdpDriver
 
 from cfid.records.rig_file import new_rig_text
 from cfid.rig.sim_file import SIM_FILE
-from cfid.sim.radio import RadioTruth
+from cfid.sim.link import RadioTruth
 from cfid.wire import app
 from cfid.wire.rdt import Command, Request, encode_request
 

@@ -23,11 +23,9 @@ import numpy as np
 from cfid.records.rig_file import Devices, load_rig, new_rig_text
 from cfid.rig.loop import Ending, Loop, run_until_done
 from cfid.rig.sim_file import SIM_FILE, published
-from cfid.sim.faults import SOUND_LOADCELL
+from cfid.sim.faults import SOUND_LOADCELL, FaultyNetFT
 from cfid.sim.loadcell import LoadCellTruth, SimulatedLoadCell
-from cfid.sim.netft import NetFTBox
-from cfid.sim.netft_faults import FaultyNetFT
-from cfid.sim.netft_server import NetFTServer
+from cfid.sim.netft import NetFTBox, NetFTServer
 
 SECONDS = float(os.environ.get("BENCH_SECONDS", "60"))
 WARM_S = min(10.0, SECONDS / 3)

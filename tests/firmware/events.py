@@ -5,8 +5,7 @@ from typing import NamedTuple
 
 from hypothesis import strategies as st
 
-from cfid.sim.app_core import AppCore
-from cfid.sim.crazyflie_modules import PING, SINE, THRUST, Sent
+from cfid.sim.app_core import PING, SINE, THRUST, AppCore, Sent
 from cfid.sim.propulsion import Four
 from cfid.wire import app
 from tests.firmware.stand import MAY_NOT_RUN, MAY_RUN
@@ -81,7 +80,7 @@ def outcomes(core: AppCore, happening: Iterable[Event], *, drained_every: int) -
         vehicle = MAY_RUN if allowed else MAY_NOT_RUN
         commands = None
         if packet is None:
-            commands = core.tick(now_us=now_us, vehicle=vehicle).commands
+            commands = core.tick(now_us=now_us, vehicle=vehicle).held
         else:
             core.receive(*packet, now_us=now_us, vehicle=vehicle)
         sent = core.sent() if number % drained_every == 0 else []

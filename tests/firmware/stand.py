@@ -5,8 +5,7 @@ from typing import NamedTuple
 import pytest
 
 from cfid.errors import DeviceError
-from cfid.sim.app_core import AppCore, load_core
-from cfid.sim.crazyflie_modules import PING, SINE, THRUST, Seen
+from cfid.sim.app_core import PING, SINE, THRUST, AppCore, Seen, load_core
 from cfid.sim.propulsion import STILL, Four
 from cfid.wire import app
 
@@ -16,7 +15,7 @@ KEEP_ALIVE_TICKS = 100
 
 
 MAY_RUN = Seen(can_fly=True, flying=False, needs_arming=False, idle=0)
-MAY_NOT_RUN = MAY_RUN._replace(can_fly=False)
+MAY_NOT_RUN = Seen(can_fly=False, flying=False, needs_arming=False, idle=0)
 
 
 def new_core() -> AppCore:
@@ -87,7 +86,7 @@ class Stand:
         self._ticks += 1
         orders = self.core.tick(now_us=self.now_us, vehicle=self.vehicle)
         self._keep(self.core.sent())
-        return orders.commands
+        return orders.held
 
     def run(self, ms: int) -> list[Four]:
         """Return the commands of each millisecond; they are zero while the stock controller has the motors."""

@@ -12,8 +12,7 @@ from typing import TypeVar
 import numpy as np
 import pytest
 
-from cfid.sim.app_core import CorePacket, load_library
-from cfid.sim.crazyflie_modules import PING, SINE, THRUST
+from cfid.sim.app_core import PING, SINE, THRUST, CorePacket, load_library
 from cfid.wire import app
 from tests.firmware.stand import BEGIN_US, MAY_NOT_RUN, MAY_RUN, Stand, new_core
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from cfid.sim.crazyflie_modules import PING, SINE, THRUST
+from cfid.sim.app_core import PING, SINE, THRUST
 from cfid.sim.propulsion import STILL
 from cfid.wire import app
 from cfid.wire.app import AppOutcome, AppVerdict

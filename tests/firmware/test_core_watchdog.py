@@ -4,7 +4,7 @@ from itertools import pairwise
 
 from hypothesis import Phase, find, given, settings
 
-from cfid.sim.crazyflie_modules import PING
+from cfid.sim.app_core import PING
 from cfid.sim.propulsion import STILL
 from cfid.wire.app import Flags, PingChannel, decode_state
 from tests.firmware.events import BEGIN_US, Event, Outcome, events, outcomes

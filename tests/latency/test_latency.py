@@ -18,7 +18,7 @@ from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import load_rig, new_rig_text
 from cfid.records.run import DeviceRecord, Label, Run
 from cfid.records.run_writer import create_run
-from cfid.sim.radio import Direction, RadioTruth
+from cfid.sim.link import Direction, RadioTruth
 from tests.campaigns import Cfid
 from tests.kept import sections_at
 

@@ -30,13 +30,11 @@ from cfid.rig.supervisor import Supervisor, SupervisorLog
 from cfid.rig.vehicle import Vehicle
 from cfid.sim.app_core import load_core
 from cfid.sim.battery import BatteryTruth
-from cfid.sim.crazyflie import PROTOCOL, Crazyflie
-from cfid.sim.crazyflie_faults import FaultyCrazyflie
-from cfid.sim.crazyflie_tables import parameters, variables
-from cfid.sim.crazyflie_truth import CrazyflieTruth
-from cfid.sim.faults import CrazyflieFaults
+from cfid.sim.crazyflie import PROTOCOL, Crazyflie, CrazyflieTruth, variables
+from cfid.sim.crazyflie_services import parameters
+from cfid.sim.faults import CrazyflieFaults, FaultyCrazyflie
+from cfid.sim.link import Radio, RadioTruth
 from cfid.sim.propulsion import Four, Propulsion
-from cfid.sim.radio import Radio, RadioTruth
 from cfid.sim.rotors import BRUSHLESS, RotorTruth
 from cfid.wire.app import AppPorts, Hello
 from cfid.wire.crtp import ECHO_CHANNEL, ECHO_PORT, Packet, Variable, decode_packet, encode_packet

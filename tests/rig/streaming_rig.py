@@ -28,13 +28,14 @@ from cfid.records.campaign import find_campaign
 from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import Devices, load_rig, new_rig_text
 from cfid.records.run import Label, Run, read_run
-from cfid.rig.e201_port import lock_name
+from cfid.rig.hardware import Real
 from cfid.rig.lock import holder_of
-from cfid.rig.log import Plan, record_run
 from cfid.rig.loop import Loop
-from cfid.rig.ready_sensors import ready_encoder, ready_loadcell
+from cfid.rig.run import Plan, record_run
+from cfid.rig.sensors import ready_encoder, ready_loadcell
 from cfid.rig.sim_file import devices_in, published
-from cfid.sim.service import Addresses, SimulatedRig
+from cfid.sim.devices import SimulatedRig
+from cfid.sim.service import Addresses, ServedRig
 from cfid.wire.rls import STEPS_PER_TURN, decode_words
 from tests.places import ROOT
 from tests.priority import run_devices
@@ -46,7 +47,7 @@ _FASTEST_STEPS_PER_S = 21_000  # of the swing: 16 rad/s; the drawn releases come
 
 
 @dataclass(frozen=True)
-class ServedRig:
+class CampaignRig:
     """A simulated rig that serves a campaign; `thread` is the kernel's number of the thread in which it runs."""
 
     campaign: Path
@@ -62,12 +63,12 @@ class ServedRig:
     def holders(self) -> list[str]:
         """Return who holds the devices."""
         addresses = self.addresses
-        places = (lock_name(str(addresses.encoder_port)), f"{addresses.address}:{addresses.rdt_port}")
+        places = (str(addresses.encoder_port), f"{addresses.address}:{addresses.rdt_port}")
         return [holder for place in places if (holder := holder_of(place))]
 
 
 @contextlib.contextmanager
-def served_rig(folder: Path, *, seed: int = 1) -> Iterator[ServedRig]:
+def served_rig(folder: Path, *, seed: int = 1) -> Iterator[CampaignRig]:
     """Serve a rig on real wires, with a campaign folder whose rig.sim.toml names its addresses."""
     folder.mkdir(exist_ok=True)
     (folder / RIG_FILE).write_text(new_rig_text())
@@ -78,9 +79,10 @@ def served_rig(folder: Path, *, seed: int = 1) -> Iterator[ServedRig]:
     try:
         simulated = _in_loop(
             loop,
-            lambda: SimulatedRig(rig, reactor=loop, folder=folder, seed=seed, axis="x", commands=(28000, 0, 28000, 0)),
+            lambda: SimulatedRig(rig, seconds=loop.seconds, seed=seed, axis="x", commands=(28000, 0, 28000, 0)),
         )
-        addresses = _in_loop(loop, simulated.open)
+        served = ServedRig(simulated, reactor=loop, folder=folder)
+        addresses = _in_loop(loop, served.open)
         devices = Devices(
             encoder=rig.devices.encoder.model_copy(update={"port": str(addresses.encoder_port)}),
             loadcell=rig.devices.loadcell.model_copy(
@@ -94,8 +96,8 @@ def served_rig(folder: Path, *, seed: int = 1) -> Iterator[ServedRig]:
         )
         with published(folder, devices, seed=seed):
             assert thread.native_id is not None
-            yield ServedRig(folder, simulated, addresses, devices, thread.native_id)
-        _in_loop(loop, simulated.close)
+            yield CampaignRig(folder, simulated, addresses, devices, thread.native_id)
+        _in_loop(loop, served.close)
     finally:
         loop.callFromThread(loop.stop)
         thread.join(5)
@@ -138,7 +140,7 @@ class Logger:
 
 
 @contextlib.contextmanager
-def logger(rig: ServedRig, *words: str) -> Iterator[Logger]:
+def logger(rig: CampaignRig, *words: str) -> Iterator[Logger]:
     """Start a process that logs both devices of a rig, and kill it when the block ends."""
     command = [sys.executable, "-W", "error", "-m", "tests.rig.streaming_rig", str(rig.campaign), *words]
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
@@ -219,14 +221,15 @@ def _record(campaign_folder: Path, for_s: float | None) -> None:
     assert campaign is not None
     devices, simulated = devices_in(campaign.folder, campaign.rig)
     plan = Plan(runs_folder=campaign.runs_folder, kind="both", label=Label(), for_s=for_s, simulated=simulated)
+    hardware = Real()
     with ExitStack() as held:
         ready = [
             ready_encoder(
-                devices.encoder, held, counts_per_turn=campaign.rig.encoder.counts_per_turn, continuous=False, say=_say
+                devices.encoder, hardware, held, counts_per_turn=campaign.rig.encoder.counts_per_turn, say=_say
             ),
-            ready_loadcell(devices.loadcell, held, buffered=True, bias=False, say=_say),
+            ready_loadcell(devices.loadcell, hardware, held, say=_say),
         ]
-        record_run(plan, ready, show=lambda _: None, begun=lambda folder: print(folder, flush=True))
+        record_run(plan, ready, hardware, show=lambda _: None, begun=lambda folder: print(folder, flush=True))
 
 
 def _say(sentence: str) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from cfid.sim.netft_server import BoxPorts
+from cfid.sim.netft import BoxPorts
 from cfid.wire.rdt import Command, Request, encode_request
 from tests.known import known
 from tests.virtual_lab import LOADCELL_HZ, Lab, lab_in, wait_until

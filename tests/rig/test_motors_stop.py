@@ -20,7 +20,7 @@ import pytest
 
 from cfid.rig.loop import signal_name
 from cfid.rig.motors import MAY_BE_RUNNING
-from cfid.sim.supervisor_states import SupervisorState
+from cfid.sim.supervisor import SupervisorState
 from tests.flying_in_a_folder import Bench, Pilot, bench_in
 
 STOPPED_WITHIN_S = 0.7

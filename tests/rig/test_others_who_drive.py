@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from cfid.rig.motors import MAY_BE_RUNNING
-from cfid.sim.crazyflie_tables import parameters
+from cfid.sim.crazyflie_services import parameters
 from tests.flying_in_a_folder import Bench, bench_in
 
 THRUST = 25000

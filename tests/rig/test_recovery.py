@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from cfid.sim.supervisor_states import SupervisorState
+from cfid.sim.supervisor import SupervisorState
 from tests.flying_in_a_folder import Bench, Pilot, bench_in
 
 pytestmark = pytest.mark.usefixtures("in_time")

@@ -13,7 +13,7 @@ from cfid.motors.staircase.record import run_staircase
 from cfid.rig.motor_commands import hold
 from cfid.rig.motors import MAY_BE_RUNNING, Limits
 from cfid.sim.faults import CrazyflieFaults
-from cfid.sim.supervisor_states import SupervisorState
+from cfid.sim.supervisor import SupervisorState
 from cfid.transfer.sines.record import play_sine
 from cfid.wire.app import SineRequest, omega_of
 from cfid.wire.crtp import Packet, encode_packet

@@ -27,8 +27,8 @@ from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import load_rig
 from cfid.records.run import list_runs, read_run
 from cfid.rig.tables import connect
-from cfid.sim.crazyflie_tables import parameters
-from cfid.sim.supervisor_states import SupervisorState
+from cfid.sim.crazyflie_services import parameters
+from cfid.sim.supervisor import SupervisorState
 from cfid.wire.app import AppPorts
 from tests.flying_in_a_folder import LONGEST_S, Bench, bench_in
 from tests.lateness import kept_waiting_s

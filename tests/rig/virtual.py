@@ -21,12 +21,10 @@ from cfid.rig.loop import Ending
 from cfid.rig.rdt_port import RECEIVE_BUFFER_BYTES, Inbox
 from cfid.rig.recorder import Instrument, Recorder
 from cfid.sim.e201 import E201Device
-from cfid.sim.e201_faults import FaultyE201
-from cfid.sim.faults import EncoderFaults, LoadCellFaults
+from cfid.sim.faults import EncoderFaults, FaultyE201, FaultyNetFT, LoadCellFaults
 from cfid.sim.loadcell import LoadCellTruth
 from cfid.sim.loadcell import SimulatedLoadCell as SimulatedCell
 from cfid.sim.netft import NetFTBox
-from cfid.sim.netft_faults import FaultyNetFT
 from cfid.sim.pty import InOrder
 from cfid.wire.netft import read_settings
 

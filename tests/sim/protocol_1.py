@@ -4,8 +4,7 @@ import ctypes
 from functools import cache
 from pathlib import Path
 
-from cfid.sim.app_core import AppCore, CorePacket, compiled, declared
-from cfid.sim.crazyflie_modules import Orders, Seen
+from cfid.sim.app_core import AppCore, CorePacket, Orders, Seen, compiled, declared
 
 SOURCE = Path(__file__).parent / "app_protocol_1" / "cfid_core.c"
 COMMANDS = ctypes.c_uint16 * 4
@@ -20,8 +19,7 @@ class CoreOfProtocol1(AppCore):
     def tick(self, *, now_us: int, vehicle: Seen) -> Orders:
         commands = COMMANDS()
         held = self._library.cfid_core_tick(self._core, now_us, vehicle.can_fly, commands)
-        m1, m2, m3, m4 = commands
-        return Orders((m1, m2, m3, m4) if held else None, feeds=held)
+        return Orders(commands=commands, holds=held, feeds=held)
 
 
 def load_core() -> CoreOfProtocol1:

@@ -17,14 +17,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from cfid.sim.app_core import App
 from cfid.sim.battery import BatteryTruth
-from cfid.sim.crazyflie import Crazyflie, LeavingPacket
-from cfid.sim.crazyflie_modules import App
-from cfid.sim.crazyflie_supervisor import UPDATE_STEPS
-from cfid.sim.crazyflie_tables import parameters, variables
-from cfid.sim.crazyflie_truth import CrazyflieTruth
+from cfid.sim.crazyflie import Crazyflie, CrazyflieTruth, LeavingPacket, variables
+from cfid.sim.crazyflie_services import parameters
 from cfid.sim.propulsion import STILL, Propulsion
 from cfid.sim.rotors import BRUSHLESS, RotorTruth
+from cfid.sim.supervisor import UPDATE_STEPS
 from cfid.wire.app import AppPorts
 from cfid.wire.crtp import Packet, decode_packet, encode_packet
 

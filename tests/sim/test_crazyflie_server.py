@@ -19,11 +19,11 @@ from cflib.crtp.udpdriver import UdpDriver
 from twisted.internet.posixbase import PosixReactorBase
 
 from cfid.records.rig_file import thesis_rig
-from cfid.sim.crazyflie_truth import CrazyflieTruth
+from cfid.sim.crazyflie import CrazyflieTruth
 from cfid.sim.faults import CrazyflieFaults
+from cfid.sim.link import RadioTruth
 from cfid.sim.motor_trace import trace_motors
 from cfid.sim.propulsion import STILL
-from cfid.sim.radio import RadioTruth
 from cfid.sim.service import Addresses, SimulatedRig
 from cfid.sim.truth_file import SimTruth
 from cfid.wire.app import (

@@ -11,8 +11,7 @@ from twisted.internet.posixbase import PosixReactorBase
 from twisted.internet.task import Clock
 
 from cfid.sim.e201 import E201Device
-from cfid.sim.e201_faults import FaultyE201
-from cfid.sim.faults import SOUND_ENCODER, EncoderFaults
+from cfid.sim.faults import SOUND_ENCODER, EncoderFaults, FaultyE201
 from cfid.sim.pty import InOrder, PtyPort
 from cfid.wire.e201 import names_e201, set_word_width
 

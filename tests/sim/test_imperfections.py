@@ -17,9 +17,9 @@ from cfid.sim.demo_motors import ping_run, shown_rpm
 from cfid.sim.demo_wind import wind_run
 from cfid.sim.encoder import EncoderModel, record
 from cfid.sim.imperfections import IMPERFECTIONS, Imperfection, draw, imperfection
+from cfid.sim.link import Direction
 from cfid.sim.loadcell import WARM_UP_S, SimulatedLoadCell
 from cfid.sim.plants import DroppingWeight, HandRelease, Motion, Pendulum, drop, swing
-from cfid.sim.radio import Direction
 from cfid.sim.rig import pendulum, record_swings
 from cfid.sim.rotors import SimulatedRotors
 from cfid.sim.stand import simulate_stand

@@ -13,11 +13,9 @@ import pytest
 from twisted.internet.error import CannotListenError
 from twisted.internet.posixbase import PosixReactorBase
 
-from cfid.sim.faults import SOUND_LOADCELL, LoadCellFaults
+from cfid.sim.faults import SOUND_LOADCELL, FaultyNetFT, LoadCellFaults
 from cfid.sim.loadcell import LoadCellTruth, SimulatedLoadCell
-from cfid.sim.netft import NetFTBox
-from cfid.sim.netft_faults import FaultyNetFT
-from cfid.sim.netft_server import ANY_FREE, LOOPBACK, BoxPorts, NetFTServer
+from cfid.sim.netft import ANY_FREE, LOOPBACK, BoxPorts, NetFTBox, NetFTServer
 from cfid.wire.netft import READ_FORCES, READING_BYTES, configuration_query, read_reading, read_settings
 from cfid.wire.rdt import Command, Request, decode_records, encode_request
 

@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import pytest
 
-from cfid.sim.crazyflie_tables import parameters
-from cfid.sim.crazyflie_truth import CrazyflieTruth
+from cfid.sim.crazyflie import CrazyflieTruth
+from cfid.sim.crazyflie_services import parameters
 from cfid.wire.crtp import decode_packet
 from tests.places import DATA
 from tests.sim.vehicle import CLIENT, OPENED_S, Bench

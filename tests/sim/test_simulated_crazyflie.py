@@ -10,9 +10,7 @@ from hypothesis import strategies as st
 
 from cfid.sim.app_core import load_core
 from cfid.sim.battery import BatteryTruth
-from cfid.sim.crazyflie import LeavingPacket
-from cfid.sim.crazyflie_truth import CrazyflieTruth
-from cfid.sim.motor_power_set import compensated
+from cfid.sim.crazyflie import CrazyflieTruth, LeavingPacket, compensated
 from cfid.sim.propulsion import STILL
 from cfid.sim.rotors import BRUSHLESS as ROTORS_OF_BRUSHLESS
 from cfid.sim.rotors import RotorTruth

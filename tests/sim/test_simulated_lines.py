@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from cfid.records.rig_file import EncoderLines, LineDevice, LineValue, LoadCellLines
-from cfid.sim.e201_faults import FaultyE201
-from cfid.sim.faults import EncoderFaults
+from cfid.sim.faults import EncoderFaults, FaultyE201
 from cfid.sim.lines import LineSender
 
 CELL = LoadCellLines(

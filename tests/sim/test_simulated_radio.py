@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from cfid.sim.radio import Direction, RadioTruth
+from cfid.sim.link import Direction, RadioTruth
 
 
 def _latencies(truth: RadioTruth, *, every_s: float = 1.0, count: int = 5000) -> list[float]:

@@ -5,10 +5,10 @@ import struct
 import pytest
 
 from cfid.sim.app_core import load_core
-from cfid.sim.crazyflie_truth import CrazyflieTruth
+from cfid.sim.crazyflie import CrazyflieTruth
 from cfid.sim.faults import CrazyflieFaults
 from cfid.sim.propulsion import STILL
-from cfid.sim.supervisor_states import SupervisorState
+from cfid.sim.supervisor import SupervisorState
 from cfid.wire.app import (
     ALL_MOTORS_THRUST,
     AppPorts,

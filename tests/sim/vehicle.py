@@ -6,15 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from cfid.sim.app_core import PING, THRUST, App, Orders, Seen, Sent
 from cfid.sim.battery import BatteryTruth
-from cfid.sim.crazyflie import USUAL_PORTS, Crazyflie
-from cfid.sim.crazyflie_faults import FaultyCrazyflie
-from cfid.sim.crazyflie_modules import PING, THRUST, App, Orders, Seen, Sent
-from cfid.sim.crazyflie_tables import parameters
-from cfid.sim.crazyflie_truth import CrazyflieTruth
-from cfid.sim.faults import SOUND_CRAZYFLIE, CrazyflieFaults
+from cfid.sim.crazyflie import USUAL_PORTS, Crazyflie, CrazyflieTruth
+from cfid.sim.crazyflie_services import parameters
+from cfid.sim.faults import SOUND_CRAZYFLIE, CrazyflieFaults, FaultyCrazyflie
+from cfid.sim.link import Radio, RadioTruth
 from cfid.sim.propulsion import STILL, Four, Propulsion
-from cfid.sim.radio import Radio, RadioTruth
 from cfid.sim.rotors import BRUSHLESS, RotorTruth
 from cfid.wire.app import AppPorts, PingChannel, ThrustChannel
 from cfid.wire.crtp import Packet, encode_packet
@@ -44,7 +42,7 @@ class LittleApp(App):
         alive = self.alive(now_us=now_us)
         if not vehicle.can_fly or not alive:
             self.commands = STILL
-        return Orders(self.commands, feeds=alive)
+        return Orders(commands=self.commands, holds=True, feeds=alive)
 
     def sent(self) -> list[Sent]:
         sent, self.outbox = self.outbox, []

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cfid.errors import DataError
-from cfid.sim.crazyflie_modules import PING, SINE
+from cfid.sim.app_core import PING, SINE
 from cfid.sim.loadcell import LoadCellTruth
 from cfid.sim.rotors import RotorTruth
 from cfid.sim.sine_bench import ARM_M, Bench, simulate_sines
@@ -29,7 +29,7 @@ def played_on_board(periods: int, samples: int, amplitude: int) -> tuple[list[in
     core.receive(SINE, app.SineChannel.START, app.encode_sine(request), now_us=0, vehicle=MAY_RUN)
     for tick in range(1, 2 * samples + 3):
         core.receive(PING, app.PingChannel.ALIVE, app.encode_alive(tick), now_us=1000 * tick, vehicle=MAY_RUN)
-        driven = core.tick(now_us=1000 * tick, vehicle=MAY_RUN).commands
+        driven = core.tick(now_us=1000 * tick, vehicle=MAY_RUN).held
         commands.append(driven[0] if driven else -1)
         for service, channel, payload in core.sent():
             if (service, channel) == (SINE, app.SineChannel.CROSSING):

@@ -9,7 +9,7 @@ import pytest
 from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import new_rig_text
 from cfid.records.run import amend_run, read_run
-from cfid.sim.radio import RadioTruth
+from cfid.sim.link import RadioTruth
 from cfid.sim.sine_bench import SimulatedSine
 from tests.campaigns import sentences
 from tests.kept import sections_at

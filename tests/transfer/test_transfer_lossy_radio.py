@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cfid.errors import DataError
-from cfid.sim.radio import RadioTruth
+from cfid.sim.link import RadioTruth
 from cfid.sim.sine_bench import simulate_sines
 from cfid.transfer.estimation import fit_transfer, measure
 from cfid.transfer.sines.alignment import RecordedSine, align

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cfid.errors import DataError, FitError
-from cfid.sim.radio import RadioTruth
+from cfid.sim.link import RadioTruth
 from cfid.sim.sine_bench import Bench
 from cfid.transfer.estimation import fit_transfer, measure
 from cfid.transfer.sines.alignment import RecordedSine, Sign, align
