@@ -30,8 +30,8 @@ class PausingClock(VirtualClock):
         super().__init__()
         self.commands: list[Command] = []
 
-    def advance(self, amount: float) -> None:
-        super().advance(amount)
+    def advance(self, seconds: float) -> None:
+        super().advance(seconds)
         for command in self.commands:
             command.look()
 
@@ -107,12 +107,17 @@ class Command:
             self._handed_over.set()
             self._goes_on.wait()
 
+    @property
+    def _clock(self) -> PausingClock:
+        assert isinstance(self._hardware.time, PausingClock)
+        return self._hardware.time
+
     def _go_on(self) -> None:
         if self.code is not None:
             return
         self._handed_over.clear()
         if self._thread.ident is None:
-            self._hardware.time.commands.append(self)
+            self._clock.commands.append(self)
             self._thread.start()
         else:
             self._goes_on.set()
@@ -128,7 +133,7 @@ class Command:
             self._error = error
         finally:
             self.code = code
-            self._hardware.time.commands.remove(self)
+            self._clock.commands.remove(self)
             self._handed_over.set()
 
     def _main(self) -> int:

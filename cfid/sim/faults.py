@@ -422,6 +422,8 @@ class FaultyCrazyflie(VehicleLink):
     def next_s(self, now_s: float) -> float | None:
         """Return when the next event is due, None while there is none."""
         next_s = super().next_s(now_s)
+        if self.faults is SOUND_CRAZYFLIE:
+            return next_s
         times = self._turns(now_s, math.inf) + ([] if next_s is None else [next_s])
         return min(times, default=None)
 
@@ -462,6 +464,9 @@ class FaultyCrazyflie(VehicleLink):
         self._send(answers, late_s=faults.stop_late_s)
 
     def _advance_vehicle(self, now_s: float) -> None:
+        if self.faults is SOUND_CRAZYFLIE and self._looked_s > self._opened_s:
+            super()._advance_vehicle(now_s)
+            return
         for turn_s in (*self._turns(self._looked_s, now_s), now_s):
             super()._advance_vehicle(turn_s)
             self._apply_faults(turn_s)

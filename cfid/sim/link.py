@@ -183,16 +183,20 @@ class VehicleLink:
 
     def due(self, now_s: float) -> list[Datagram]:
         """Advance up to now and return the datagrams that leave the radio by then."""
+        return [(datagram, client) for datagram, client, _ in self.arrivals(now_s)]
+
+    def arrivals(self, now_s: float) -> list[tuple[bytes, Address, float]]:
+        """Return the same datagrams, each with its client and the time at which it leaves the radio."""
         self.advance(now_s)
-        came: list[Datagram] = []
+        leaving: list[tuple[bytes, Address, float]] = []
         while self._down and self._down[0].arrives_s <= now_s:
-            _, packet, ping = self._down.popleft()
+            arrives_s, packet, ping = self._down.popleft()
             if ping is not None:
                 request, received_s = ping
-                self.radio.pings.append(Ping(request.port, request.payload, now_s - received_s))
+                self.radio.pings.append(Ping(request.port, request.payload, arrives_s - received_s))
             if self._client is not None:
-                came.append((packet, self._client))
-        return came
+                leaving.append((packet, self._client, arrives_s))
+        return leaving
 
     def advance(self, now_s: float) -> None:
         """Process every event up to now at its own time; times must not decrease."""

@@ -1,5 +1,6 @@
 """The simulated side of the seam to the hardware: devices on a clock that passes as fast as the program computes."""
 
+import heapq
 import itertools
 import os
 import select
@@ -10,7 +11,6 @@ from typing import Any
 
 from twisted.internet.base import DelayedCall
 from twisted.internet.defer import Deferred, execute
-from twisted.internet.task import Clock
 from twisted.python.failure import Failure
 
 from cfid.errors import DeviceError
@@ -43,17 +43,57 @@ _CLIENT = "192.0.2.10"
 _ECHO = Packet(ECHO_PORT, ECHO_CHANNEL, encode_echo(0))
 _ECHO_EVERY_S = 0.1
 _ROUNDING_S = 1e-9
+_ATTEND_S = 0.004  # between looks at the vehicle, which steps each millisecond; its packets keep their times
 _numbers = itertools.count(1)
 
 
-class VirtualClock(Clock):
-    """Twisted's clock for tests, which goes from one call to the next."""
+class VirtualClock:
+    """A clock that goes from one call to the next, with those methods of Twisted's loop that devices use."""
+
+    def __init__(self) -> None:
+        """Start at one second, so that nothing began at zero."""
+        self._now_s = 1.0
+        self._calls: list[tuple[float, int, DelayedCall]] = []
+        self._numbers = itertools.count()  # of calls, which keep their order where they are due at the same time
+
+    def seconds(self) -> float:
+        """Return the time."""
+        return self._now_s
+
+    def callLater(self, delay_s: float, call: Callable[..., object], *arguments: Any) -> DelayedCall:  # noqa: N802
+        """Call something after a delay."""
+        at_s = self._now_s + delay_s
+        delayed = DelayedCall(at_s, call, arguments, {}, lambda _: None, lambda _: None, self.seconds)
+        heapq.heappush(self._calls, (at_s, next(self._numbers), delayed))
+        return delayed
+
+    @property
+    def next_s(self) -> float | None:
+        """When the next call is due, None while there is none."""
+        while self._calls and self._calls[0][2].cancelled:
+            heapq.heappop(self._calls)
+        return self._calls[0][0] if self._calls else None
 
     def step(self) -> None:
         """Go to the next call, and carry it out."""
-        if not self.calls:
+        next_s = self.next_s
+        if next_s is None:
             raise RuntimeError("nothing more will happen, and the program still waits")
-        self.advance(max(self.calls[0].getTime() - self.seconds(), 0.0))
+        self.advance(max(next_s - self._now_s, 0.0))
+
+    def advance(self, seconds: float) -> None:
+        """Let time pass, and carry out what is due by then."""
+        end_s = self._now_s + seconds
+        while (next_s := self.next_s) is not None and next_s <= end_s:
+            self._now_s = max(next_s, self._now_s)
+            _, _, call = heapq.heappop(self._calls)
+            call.called = 1
+            call.func(*call.args, **call.kw)
+        self._now_s = max(end_s, self._now_s)
+
+    def stand_still(self, seconds: float) -> None:
+        """Let time pass in which nothing is carried out."""
+        self._now_s += seconds
 
 
 class Virtual(Hardware):
@@ -67,8 +107,7 @@ class Virtual(Hardware):
     ) -> None:
         """Power the devices on at a Unix time."""
         super().__init__()
-        self.time = time or VirtualClock()
-        self.time.advance(1.0)
+        self.time: VirtualClock = time or VirtualClock()
         self.clock = HostClock(unix_s - self.time.seconds())
         self.rig = make(self.time.seconds)
         self.ending: Ending | None = None
@@ -97,7 +136,7 @@ class Virtual(Hardware):
 
     def stand_still(self, seconds: float) -> None:
         """Let time pass in which this program does not run."""
-        self.time.rightNow += seconds
+        self.time.stand_still(seconds)
 
     def seconds(self) -> float:
         """Return the time."""
@@ -222,14 +261,14 @@ class Virtual(Hardware):
         if vehicle.closed(now_s):
             for link in self._links.values():
                 link.fail()
-        for datagram, client in vehicle.due(now_s):
+        for datagram, client, arrived_s in vehicle.arrivals(now_s):
             if client in self._links:
-                self._links[client].deliver(datagram)
+                self._links[client].deliver(datagram, arrived_s)
         if self._next_packet is not None and self._next_packet.active():
             self._next_packet.cancel()
         next_s = vehicle.next_s(now_s)
         if next_s is not None:
-            self._next_packet = self.time.callLater(max(next_s - now_s, 0.0), self.attend_vehicle)
+            self._next_packet = self.time.callLater(max(next_s - now_s, _ATTEND_S), self.attend_vehicle)
 
     def wait_for(self, within_s: float, holds: Callable[[], bool]) -> None:
         """Let time pass outside a run until something holds, or a time is over."""
@@ -237,8 +276,8 @@ class Virtual(Hardware):
 
     def _go_on(self, end_s: float, holds: Callable[[], bool]) -> None:
         while not holds() and self.seconds() < end_s - _ROUNDING_S:
-            calls = self.time.calls
-            self.time.advance(max(min(calls[0].getTime() if calls else end_s, end_s) - self.seconds(), 0.0))
+            next_s = self.time.next_s
+            self.time.advance(max(min(end_s if next_s is None else next_s, end_s) - self.seconds(), 0.0))
 
     def _read(self) -> None:
         """Let readers read what waits for them."""
@@ -360,11 +399,11 @@ class _VirtualLink(Link):
     def close(self) -> None:
         self._closed, self._wake = True, lambda: None
 
-    def deliver(self, datagram: bytes) -> None:
+    def deliver(self, datagram: bytes, arrived_s: float) -> None:
         packet = decode_packet(datagram)
         if packet is not None and not self._closed:
-            self.received_s = self._hardware.seconds()
-            self._packets.append((packet, self.received_s))
+            self.received_s = arrived_s
+            self._packets.append((packet, arrived_s))
             self._wake()
 
     def fail(self) -> None:
