@@ -1,55 +1,168 @@
-"""Write the demo's runs to disk in the form of recorded runs."""
+"""Record the demo: the operator's own commands, on the simulated rig in virtual time."""
 
-from collections.abc import Iterable
-from datetime import UTC, datetime, timedelta
-from pathlib import Path
+import contextlib
+import io
+import math
+import os
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from typing import Any
 
 import numpy as np
 
+from cfid.cli.main import main
+from cfid.errors import DeviceError
 from cfid.records.campaign import Campaign
-from cfid.records.run import DeviceRecord, Label
-from cfid.records.run_writer import create_run
-from cfid.sim.demo_runs import SimulatedRun
-from cfid.version import __version__
+from cfid.rig.hardware import in_place
+from cfid.sim.devices import SimulatedRig
+from cfid.sim.rotors import RotorTruth
+from cfid.sim.truth_file import SimTruth
+from cfid.sim.virtual import Virtual
+
+_PAUSE_S = 20.0  # of an operator between two recordings
+_LASTS_S = 3000.0  # more than all recordings and pauses
+_HOLD_S, _REST_S = 2.5, 1.0
+_LOOK_S = 0.1
+_READ_STD = 0.05  # relative, of the wind speed between the operator's lowest and highest reading
+
+_AXES = {"crazyflie": ("x", "y", "z", "xy", "xz", "yz"), "testbody": ("x", "z")}
+_WEIGHTS_G = (20, 20, 30, 30, 40, 40, 50, 50)
+_SECONDS_OF_A_DROP = {20: 16, 30: 9, 40: 8, 50: 8}  # the first weight falls 4.5 s after the rig was powered
+_WINDS = ((0.0, 8.0, 3.2), (0.0, 12.0, 4.4), (48.4, 8.0, 2.9), (48.4, 12.0, 4.2), (77.9, 8.0, 2.8), (77.9, 12.0, 3.8))
+_STAIRS = f"--hold {_HOLD_S:g} --rest {_REST_S:g} --yes"
+_OF_WIND = f"--commands 10000,20000,30000,40000,50000 {_STAIRS} --rate-hz 1000"
 
 
-def write_runs(campaign: Campaign, runs: Iterable[SimulatedRun]) -> list[Path]:
-    """Write runs with consecutive times, the last of which ends now; return their folders."""
-    runs = list(runs)
-    begin = datetime.now(UTC) - timedelta(seconds=sum(run.next_after_s for run in runs))
-    folders = []
-    for run in runs:
-        folders.append(_write(campaign, run, begin))
-        begin += timedelta(seconds=run.next_after_s)
-    return folders
+@dataclass(frozen=True)
+class Recording:
+    """A command, what is mounted on the axis, the wind that really blows, and whether an operator types readings."""
+
+    words: str
+    mounted: dict[str, Any] = field(default_factory=dict)
+    wind: tuple[float, float] | None = None  # speed in m/s, and angle in degrees
+    is_read: bool = False
 
 
-def _write(campaign: Campaign, run: SimulatedRun, started: datetime) -> Path:
+# Where the thesis has dozens of settings, the demo has a few. The load cell samples at 1 kHz, and at 7 kHz for steps
+# whose speeds are estimated from vibration, since the blade pass exceeds 500 Hz.
+SWINGS = (
+    *(Recording(f"log encoder --axis {axis} --for 16", {"axis": axis}) for axis in _AXES["crazyflie"]),
+    *(
+        Recording(f"log encoder --body testbody --axis {axis} --for 16", {"axis": axis, "body": "testbody"})
+        for axis in _AXES["testbody"]
+    ),
+)
+DROPS = tuple(
+    Recording(f"log encoder --weight {weight} --for {_SECONDS_OF_A_DROP[weight]}", {"weight_g": float(weight)})
+    for weight in _WEIGHTS_G
+)
+MOTORS = (
+    Recording(f"log thrust --from 0 --to 64000 --step 4000 --motor 1,3 --rate-hz 1000 {_STAIRS}"),
+    Recording("log thrust --from 20000 --to 60000 --step 20000 --motor 1 --hold 1.5 --rest 1.5 --rate-hz 7000 --yes"),
+    Recording(f"log speed --from 4000 --to 64000 --step 4000 --motor 1,3 {_STAIRS}", is_read=True),
+    Recording("log sine --periods 2,7,20,50,100,70,33,12,4 --samples 4000 --amplitude 20000 --rate-hz 1000 --yes"),
+    Recording("log ping --count 300 --interval 0.1"),
+)
 
-    scale = campaign.rig.encoder.counts_per_turn
-    records = {
-        name: DeviceRecord.model_validate(
-            {
-                "file": f"{name}.csv",
-                "columns": device.columns,
-                **({"counts_per_turn": scale} if name == "encoder" else {}),
-                **device.facts,
-            }
+
+def winds(truth: SimTruth, *, seed: int) -> tuple[Recording, ...]:
+    """Return the recordings in wind, whose speed lies anywhere between the operator's two readings, and without."""
+    rng = np.random.default_rng([seed, len(_WINDS)])
+    recordings = [Recording(f"log wind --wind 0 {_OF_WIND}", is_read=True)]
+    for angle_deg, fan_v, read_mps in _WINDS:
+        low, high = (round(read_mps * (1 + sign * math.sqrt(3) * _READ_STD), 3) for sign in (-1, 1))
+        speed_mps = float(rng.uniform(low, high)) / (1 + truth.wind.anemometer_gain)
+        words = f"log wind --angle {angle_deg} --fan-voltage {fan_v} --wind {low},{high} {_OF_WIND}"
+        recordings.append(Recording(words, wind=(speed_mps, angle_deg), is_read=True))
+    return tuple(recordings)
+
+
+class Laboratory:
+    """Where the demo's recordings are made, one after the other; the last ends before now."""
+
+    def __init__(self, campaign: Campaign, truth: SimTruth, *, seed: int) -> None:
+        """Take the campaign to record into, and the truth of its rig."""
+        self._campaign, self._truth, self._seed = campaign, truth, seed
+        self._unix_s = datetime.now(UTC).timestamp() - _LASTS_S
+        self._made = 0
+
+    def make(self, recording: Recording) -> None:
+        """Make a recording. Raises DeviceError, which names the command that failed."""
+        self._made += 1
+        hardware = Virtual(lambda seconds: self._rig(recording, seconds), unix_s=self._unix_s)
+        said = io.StringIO()
+        with (
+            in_place(hardware),
+            contextlib.redirect_stdout(said),
+            contextlib.redirect_stderr(said),
+            _operator(hardware, self._truth.rotors, np.random.default_rng([self._seed, self._made]), recording),
+        ):
+            try:
+                main([*recording.words.split(), "--campaign", str(self._campaign.folder)])
+            except SystemExit as ended:
+                if ended.code:
+                    raise DeviceError(f"cfid {recording.words} failed: {said.getvalue().strip()}") from None
+        self._unix_s = hardware.unix_s() + _PAUSE_S
+
+    def _rig(self, recording: Recording, seconds: Any) -> SimulatedRig:
+        rig = self._campaign.rig
+        truth = self._truth
+        if recording.wind is not None:
+            speed_mps, angle_deg = recording.wind
+            wind = truth.wind.model_copy(update={"speed_mps": speed_mps, "angle_deg": angle_deg})
+            truth = truth.model_copy(update={"wind": wind})
+        return SimulatedRig(
+            rig if recording.mounted else rig.model_copy(update={"mounts": {}}),
+            seconds=seconds,
+            seed=self._seed,
+            power_on=self._made,
+            truth=truth,
+            **recording.mounted,
         )
-        for name, device in run.devices.items()
-    }
-    with create_run(
-        campaign.runs_folder,
-        kind=run.kind,
-        label=Label(axis=run.axis, weight_g=run.weight_g, body=run.body),
-        devices=records,
-        started=started,
-        cfid_version=__version__,
-        simulated=True,
-        facts=campaign.rig.facts,
-        requested=run.requested,
-    ) as writer:
-        for name, device in run.devices.items():
-            time_s, *values = device.values
-            writer.append(name, (np.round(started.timestamp() + time_s, 6), *values))
-    return writer.folder
+
+
+@contextlib.contextmanager
+def _operator(
+    hardware: Virtual, rotors: RotorTruth, rng: np.random.Generator, recording: Recording
+) -> Iterator[None]:
+    """Let an operator type what a tachometer shows at each command, just before the command ends."""
+    read, written = os.pipe()
+    turned_s: float | None = None
+
+    def look() -> None:
+        nonlocal turned_s
+        command = max(hardware.rig.crazyflie.motors)
+        if not command:
+            turned_s = None
+        elif turned_s is None:
+            turned_s = hardware.seconds()
+        elif hardware.seconds() - turned_s > _HOLD_S - 2 * _LOOK_S:
+            turned_s = math.inf
+            volts = hardware.rig.crazyflie.vehicle.volts
+            os.write(written, f"{_shown_rpm(command, volts, rotors, rng):.0f}\n".encode())
+        hardware.at(_LOOK_S, look)
+
+    before = sys.stdin
+    try:
+        with os.fdopen(read, encoding="utf-8") as stdin:
+            if recording.is_read:
+                look()
+                sys.stdin = stdin
+            yield
+    finally:
+        sys.stdin = before
+        os.close(written)
+
+
+def _shown_rpm(command: int, volts: float, rotors: RotorTruth, rng: np.random.Generator) -> float:
+    """Return what a tachometer shows that counts every marker of a rotor."""
+    speed = float(rotors.steady_rad_per_s(np.array([command], np.float64), volts=volts)[0])
+    gain = (1 + rotors.tachometer_gain) * (1 + rotors.tachometer_std * float(rng.standard_normal()))
+    return rotors.markers * speed * 60 / math.tau * gain
+
+
+def all_of(truth: SimTruth, *, seed: int) -> tuple[Recording, ...]:
+    """Return all recordings in their order."""
+    return (*SWINGS, *DROPS, *MOTORS, *winds(truth, seed=seed))

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from functools import partial
+from typing import Literal
 
 import numpy as np
 
@@ -32,16 +33,19 @@ from cfid.sim.loadcell import SimulatedLoadCell
 from cfid.sim.netft import NetFTBox
 from cfid.sim.plants import DroppingWeight
 from cfid.sim.propulsion import STILL, Four, OnMotors, Propulsion
-from cfid.sim.rig import hanging, pendulum, two_threads
+from cfid.sim.rig import Truth, draw_testbody, hanging, pendulum, two_threads
 from cfid.sim.stepping import Array
 from cfid.sim.truth_file import USUAL_TRUTH, AxisTruth, SimTruth, as_mounted, draw_vehicle
 from cfid.units import MM
 from cfid.wire.app import AppPorts
 
 _USB_REPLY_S = 5e-4  # half a frame of full-speed USB, on average
+_TESTBODY = 1 << 40  # distinguishes its random numbers from those of a power-on
 _LINE_RADIUS_MM = 2.0  # where rig.toml names none
 _CONVERTED_HZ = 2000.0  # of the samples that a converter averages: twice the blade pass at full command
 _FRICTION_SCATTER = 0.03  # from one drop to the next, as the thesis' speeds scatter (table 2.1)
+
+Body = Literal["crazyflie", "testbody"]
 
 
 class SimulatedRig:
@@ -49,8 +53,10 @@ class SimulatedRig:
 
     With `weight_g` a weight drops; else a vehicle swings about the mount `axis`, by default the first one, and the gyro
     and accelerometer of the vehicle on the link feel that swing. The truth may include a wind on the vehicle on the
-    load cell. The rotors run at `commands` until the motors are commanded; `on_motors` is called at each change. All
-    random numbers come from `seed`. Raises ConfigError for an unknown mount.
+    load cell. The rotors run at `commands` until the motors are commanded; `on_motors` is called at each change.
+
+    All random numbers come from `seed`: those of the rig itself, and of what differs from one power-on to the next,
+    for which `power_on` counts. Raises ConfigError for an unknown mount.
     """
 
     def __init__(
@@ -64,14 +70,21 @@ class SimulatedRig:
         loadcell_faults: LoadCellFaults = SOUND_LOADCELL,
         crazyflie_faults: CrazyflieFaults = SOUND_CRAZYFLIE,
         axis: str | None = None,
+        body: Body = "crazyflie",
         weight_g: float | None = None,
+        power_on: int = 0,
         commands: Four = STILL,
         on_motors: OnMotors = lambda time_s, motors: None,
     ) -> None:
         """Draw the rig and integrate its axis' motion; the times of faults begin here, on the clock `seconds`."""
         truth = as_mounted(truth, rig)
-        plant_rng, motor_rng, cell_rng, fault_rng, radio_rng, imu_rng = np.random.default_rng(seed).spawn(6)
-        self.axis, hangs = _axis(rig, truth, axis, weight_g, rng=plant_rng)
+        plant_rng, *streams = np.random.default_rng(seed).spawn(6)
+        vehicle = draw_vehicle(rig, truth, rng=plant_rng)
+        hung = drawn_testbody(rig, truth, vehicle, seed=seed) if body == "testbody" else vehicle
+        if power_on:
+            plant_rng, *streams = np.random.default_rng([seed, power_on]).spawn(6)
+        motor_rng, cell_rng, fault_rng, radio_rng, imu_rng = streams
+        self.axis, hangs = _axis(rig, truth, hung, axis, weight_g, rng=plant_rng)
         self._opened_s = opened_s = seconds()  # after the integration, which takes some time
         self.encoder = FaultyE201(self._encoder(rig), encoder_faults, opened_s=opened_s)
         cell = SimulatedLoadCell(truth.loadcell, cell_rng)
@@ -150,22 +163,27 @@ def _of_lines(faults: LoadCellFaults) -> EncoderFaults:
     )
 
 
+def drawn_testbody(rig: Rig, truth: SimTruth, vehicle: Truth, *, seed: int) -> Truth:
+    """Return the test body of a rig whose vehicle has been drawn; both swing at one place."""
+    rng = np.random.default_rng([seed, _TESTBODY])
+    return draw_testbody(rig, rng=rng, gravity_mps2=vehicle.gravity_mps2, friction=truth.swing.friction)
+
+
 def _axis(
-    rig: Rig, truth: SimTruth, name: str | None, weight_g: float | None, *, rng: np.random.Generator
+    rig: Rig, truth: SimTruth, hung: Truth, name: str | None, weight_g: float | None, *, rng: np.random.Generator
 ) -> tuple[Axis, Hanging | None]:
-    """Return what turns the encoder, and how the vehicle hangs on it, None where it does not."""
-    vehicle = draw_vehicle(rig, truth, rng=rng)
+    """Return what turns the encoder, and how a body hangs on it, None where it does not."""
     off_rad = truth.swing.eccentricity_rad
     if weight_g is not None:
-        weights = _weights(rig, truth.axis, weight_g, gravity_mps2=vehicle.gravity_mps2, rng=rng)
+        weights = _weights(rig, truth.axis, weight_g, gravity_mps2=hung.gravity_mps2, rng=rng)
         return dropping(weights, rng=rng, eccentricity_rad=off_rad), None
-    if name is not None and name not in vehicle.mounts:
-        raise ConfigError(f"rig.toml: mounts: there is no '{name}'. There are: {', '.join(vehicle.mounts) or 'none'}.")
-    mount = name or next(iter(vehicle.mounts), None)
+    if name is not None and name not in hung.mounts:
+        raise ConfigError(f"rig.toml: mounts: there is no '{name}'. There are: {', '.join(hung.mounts) or 'none'}.")
+    mount = name or next(iter(hung.mounts), None)
     if mount is None:
         return resting(offset_rad=0.0), None
-    body = two_threads(vehicle, mount) or pendulum(vehicle, mount)
-    return swinging(body, rng=rng, eccentricity_rad=off_rad), hanging(vehicle, mount)
+    pendulum_or_threads = two_threads(hung, mount) or pendulum(hung, mount)
+    return swinging(pendulum_or_threads, rng=rng, eccentricity_rad=off_rad), hanging(hung, mount)
 
 
 def _weights(

@@ -170,6 +170,13 @@ class NetFTBox:
                 next_tick=(self._tick(now_s) // self._step + 1) * self._step,
             )
 
+    def next_s(self) -> float:
+        """Return when the next datagram is complete, infinity without a stream."""
+        if self._stream is None:
+            return math.inf
+        last_tick = self._stream.next_tick + (self._stream.block - 1) * self._stream.step
+        return self._powered_s + last_tick / self._internal_hz
+
     def due(self, now_s: float) -> list[Datagram]:
         """Return the datagrams whose samples have all been taken by now.
 

@@ -350,12 +350,11 @@ class _VirtualDatagrams:
     def drain(self) -> None:
         """Take what the box has sent, each datagram at the time at which it left."""
         now_s = self._hardware.seconds()
-        box = self._hardware.rig.loadcell
+        loadcell = self._hardware.rig.loadcell
         while self._drained_s < now_s:
-            self._drained_s = min(self._drained_s + SENDING_EVERY_S, now_s)
-            if not box.streaming:
-                self._drained_s = now_s
-            for data, client in box.due(self._drained_s):
+            next_s = max(loadcell.box.next_s() + _ROUNDING_S, self._drained_s + SENDING_EVERY_S)
+            self._drained_s = min(next_s, now_s)
+            for data, client in loadcell.due(self._drained_s):
                 if client == self._client:
                     self._take(data, self._address, self._drained_s)
 
