@@ -22,7 +22,7 @@ from cfid.rig.loop import Loop
 from cfid.sim.faults import CrazyflieFaults, LoadCellFaults
 from cfid.sim.propulsion import STILL, Four
 from cfid.sim.service import SimulatedRig
-from cfid.sim.truth_file import SimTruth
+from cfid.sim.truth import SimTruth
 from tests.lateness import kept_waiting_s
 from tests.priority import run_devices
 from tests.processes import started

@@ -168,7 +168,7 @@ def _simulated(
 ) -> "SimulatedRig":
     from cfid.sim.faults import parse_faults
     from cfid.sim.service import SimulatedRig
-    from cfid.sim.truth_file import load_truth, usual_truth
+    from cfid.sim.truth import load_truth, usual_truth
 
     platform = options.platform
     encoder_faults, loadcell_faults, crazyflie_faults = parse_faults(options.fault or ())

@@ -11,7 +11,7 @@ from cfid.sim.link import Direction
 from cfid.sim.sine_bench import Bench, SimulatedSine, simulate_sines
 from cfid.sim.stand import STILL_AIR, StandRecord, simulate_stand, staircase_steps
 from cfid.sim.stepping import Array
-from cfid.sim.truth_file import SimTruth
+from cfid.sim.truth import SimTruth
 from cfid.sim.wind import WindTruth
 
 RATE_HZ, FULL_RATE_HZ = 1000.0, 7000.0  # the latter for speeds estimated from vibration: blade pass exceeds 500 Hz

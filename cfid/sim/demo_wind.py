@@ -8,7 +8,7 @@ from cfid.sim.demo_motors import record_staircase, shown_rpm
 from cfid.sim.demo_runs import SimulatedDevice, SimulatedRun
 from cfid.sim.stand import STILL_AIR
 from cfid.sim.stepping import Array
-from cfid.sim.truth_file import SimTruth
+from cfid.sim.truth import SimTruth
 from cfid.sim.wind import WindTruth
 
 COMMANDS = (10000, 20000, 30000, 40000, 50000)

@@ -14,7 +14,7 @@ import pytest
 
 from cfid.rig.sim_file import SIM_FILE
 from cfid.sim.rotors import RotorTruth
-from cfid.sim.truth_file import INERTIA_KG_M2
+from cfid.sim.truth import INERTIA_KG_M2
 from cfid.sim.wind import WindTruth
 from tests.kept import sections_at
 from tests.processes import started

@@ -25,7 +25,7 @@ from cfid.sim.link import RadioTruth
 from cfid.sim.motor_trace import trace_motors
 from cfid.sim.propulsion import STILL
 from cfid.sim.service import Addresses, SimulatedRig
-from cfid.sim.truth_file import SimTruth
+from cfid.sim.truth import SimTruth
 from cfid.wire.app import (
     ALL_MOTORS_THRUST,
     AppPorts,

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from cfid.records.rig_file import thesis_rig
-from cfid.sim.axis import DROPS, PERIOD_S, RELEASES, Axis, dropping, resting, swinging
 from cfid.sim.plants import DroppingWeight
-from cfid.sim.rig import draw_truth, pendulum
-from cfid.sim.truth_file import INERTIA_KG_M2
+from cfid.sim.swing import DROPS, PERIOD_S, RELEASES, Axis, draw_truth, dropping, pendulum, resting, swinging
+from cfid.sim.truth import INERTIA_KG_M2
 
 MS = 1e-3
 

@@ -12,7 +12,7 @@ from cfid.errors import ConfigError
 from cfid.records.rig_file import Rig, Site, thesis_rig
 from cfid.sim.encoder import EncoderModel
 from cfid.sim.plants import HandRelease, swing
-from cfid.sim.rig import TrueFriction, Truth, draw_release, draw_testbody, draw_truth, pendulum, record_swings
+from cfid.sim.swing import TrueFriction, Truth, draw_release, draw_testbody, draw_truth, pendulum, record_swings
 from cfid.wire.rls import decode_words
 
 INERTIA_KG_M2 = np.array([[16.6, 0.8, 0.7], [0.8, 16.7, 1.8], [0.7, 1.8, 29.3]]) * 1e-6
