@@ -11,15 +11,13 @@ from pydantic import BaseModel, ConfigDict, ValidationError, field_validator, mo
 from cfid.errors import ConfigError
 from cfid.records.files import first_fault, read_toml
 from cfid.records.rig_file import Number, Positive, Rig, Spread, Vector
-from cfid.sim.battery import BatteryTruth
 from cfid.sim.crazyflie import CrazyflieTruth, Platform
 from cfid.sim.imu import ImuTruth
 from cfid.sim.link import RadioTruth
 from cfid.sim.loadcell import LoadCellTruth
-from cfid.sim.rotors import BRUSHLESS, RotorTruth
+from cfid.sim.propulsion import BRUSHLESS, BatteryTruth, RotorTruth, WindTruth
 from cfid.sim.stepping import Array
 from cfid.sim.swing import TrueFriction, Truth, draw_truth, with_errors
-from cfid.sim.wind import WindTruth
 from cfid.units import MM
 
 Matrix = tuple[Vector, Vector, Vector]

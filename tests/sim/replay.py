@@ -18,11 +18,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cfid.sim.app_core import App
-from cfid.sim.battery import BatteryTruth
 from cfid.sim.crazyflie import Crazyflie, CrazyflieTruth, LeavingPacket, variables
 from cfid.sim.crazyflie_services import parameters
-from cfid.sim.propulsion import STILL, Propulsion
-from cfid.sim.rotors import BRUSHLESS, RotorTruth
+from cfid.sim.propulsion import BRUSHLESS, STILL, BatteryTruth, Propulsion, RotorTruth
 from cfid.sim.supervisor import UPDATE_STEPS
 from cfid.wire.app import AppPorts
 from cfid.wire.crtp import Packet, decode_packet, encode_packet

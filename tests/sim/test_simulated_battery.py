@@ -8,9 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from cfid.sim.battery import Battery, BatteryTruth
-from cfid.sim.propulsion import STILL, Four, Propulsion
-from cfid.sim.rotors import RotorTruth, SimulatedRotors
+from cfid.sim.propulsion import STILL, Battery, BatteryTruth, Four, Propulsion, RotorTruth, SimulatedRotors
 
 SUPPLY = BatteryTruth()
 LIPO = BatteryTruth(kind="lipo")

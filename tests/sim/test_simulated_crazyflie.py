@@ -9,11 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cfid.sim.app_core import load_core
-from cfid.sim.battery import BatteryTruth
 from cfid.sim.crazyflie import CrazyflieTruth, LeavingPacket, compensated
-from cfid.sim.propulsion import STILL
-from cfid.sim.rotors import BRUSHLESS as ROTORS_OF_BRUSHLESS
-from cfid.sim.rotors import RotorTruth
+from cfid.sim.propulsion import BRUSHLESS as ROTORS_OF_BRUSHLESS
+from cfid.sim.propulsion import STILL, BatteryTruth, RotorTruth
 from cfid.wire.app import (
     AppPorts,
     PingChannel,

@@ -7,11 +7,10 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from cfid.sim.battery import BatteryTruth
 from cfid.sim.crazyflie import CrazyflieTruth
 from cfid.sim.faults import CrazyflieFaults
 from cfid.sim.link import RadioTruth
-from cfid.sim.propulsion import STILL
+from cfid.sim.propulsion import STILL, BatteryTruth
 from cfid.wire.app import ALL_MOTORS_THRUST, AppPorts, PingChannel, ThrustChannel, ThrustRequest, encode_thrust
 from cfid.wire.crtp import encode_echo
 from tests.sim.vehicle import CLIENT, OPENED_S, OTHER_CLIENT, Bench, rows_of

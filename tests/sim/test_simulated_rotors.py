@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cfid.sim.rotors import RotorTruth, SimulatedRotors
+from cfid.sim.propulsion import RotorTruth, SimulatedRotors
 
 SMOOTH = RotorTruth(unbalance=(0.0,) * 6, blade_pass=(0.0,) * 6)
 HZ = 7000

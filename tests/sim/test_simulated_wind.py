@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from cfid.errors import ConfigError
-from cfid.sim.rotors import RotorTruth, SimulatedRotors
+from cfid.sim.propulsion import RotorTruth, SimulatedRotors, WindTruth
 from cfid.sim.truth import load_truth
-from cfid.sim.wind import WindTruth
 
 WIND = WindTruth(speed_mps=3.0, angle_deg=48.4)
 
