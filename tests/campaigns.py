@@ -22,7 +22,7 @@ from cfid.records.campaign import find_campaign
 from cfid.records.rig_file import load_rig, new_rig_text
 from cfid.sim.demo_runs import SimulatedRun
 from cfid.sim.demo_swings import record_chapter_2
-from cfid.sim.truth_file import INERTIA_KG_M2, USUAL_TRUTH
+from cfid.sim.truth import INERTIA_KG_M2, USUAL_TRUTH
 from cfid.wire.rls import STEPS_PER_TURN, decode_words
 from tests.processes import started
 from tests.transfer.sines_in_a_folder import Here

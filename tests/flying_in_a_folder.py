@@ -23,7 +23,7 @@ from cfid.sim.faults import CrazyflieFaults, LoadCellFaults
 from cfid.sim.propulsion import STILL, Four
 from cfid.sim.devices import SimulatedRig
 from cfid.sim.service import ServedRig
-from cfid.sim.truth_file import SimTruth
+from cfid.sim.truth import SimTruth
 from tests.lateness import kept_waiting_s
 from tests.priority import run_devices
 from tests.processes import started

@@ -16,7 +16,7 @@ from cfid.records.run import Run, read_run
 from cfid.sim.devices import SimulatedRig
 from cfid.sim.faults import CrazyflieFaults, LoadCellFaults
 from cfid.sim.propulsion import STILL, Four
-from cfid.sim.truth_file import SimTruth
+from cfid.sim.truth import SimTruth
 from cfid.sim.virtual import Virtual
 from tests.virtual_command import Command, PausingClock
 

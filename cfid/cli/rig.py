@@ -143,7 +143,7 @@ def sim(
 def _simulated(campaign: "Campaign", loop: "Loop", options: SimOptions, on_motors: "OnMotors") -> "SimulatedRig":
     from cfid.sim.devices import SimulatedRig
     from cfid.sim.faults import parse_faults
-    from cfid.sim.truth_file import load_truth, usual_truth
+    from cfid.sim.truth import load_truth, usual_truth
 
     platform = options.platform
     encoder_faults, loadcell_faults, crazyflie_faults = parse_faults(options.fault or ())

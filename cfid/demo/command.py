@@ -53,7 +53,7 @@ def _record(campaign: "Campaign", truth: Path | None, seed: int) -> dict[str, fl
     """Simulate all recordings as fast as possible; return the true values by parameter name."""
     from cfid.demo.recordings import write_runs
     from cfid.sim.demo import demo_truth, simulate_demo
-    from cfid.sim.truth_file import load_truth
+    from cfid.sim.truth import load_truth
 
     echo(f"recording on the simulated rig (seed {seed}) ...", err=True)
     known, runs = simulate_demo(campaign.rig, demo_truth(seed) if truth is None else load_truth(truth), seed=seed)
@@ -65,7 +65,7 @@ def _record(campaign: "Campaign", truth: Path | None, seed: int) -> dict[str, fl
 def _record_over_wires(campaign: "Campaign", truth: Path | None, seed: int) -> dict[str, float]:
     from cfid.demo.wire import record_over_wires
     from cfid.sim.demo import true_motors
-    from cfid.sim.truth_file import USUAL_TRUTH, load_truth
+    from cfid.sim.truth import USUAL_TRUTH, load_truth
 
     record_over_wires(campaign, truth=truth, seed=seed)
     known = true_motors(USUAL_TRUTH if truth is None else load_truth(truth))
@@ -77,7 +77,7 @@ def _check(folder: Path, truth: Path | None) -> None:
     """Refuse an existing campaign or an invalid truth before anything is created. Raises ConfigError."""
     from cfid.errors import ConfigError
     from cfid.records.files import RIG_FILE, RUNS_FOLDER
-    from cfid.sim.truth_file import load_truth
+    from cfid.sim.truth import load_truth
 
     left = (folder / RIG_FILE, folder / "parameters.toml", folder / "fits", *(folder / RUNS_FOLDER).glob("*"))
     if any(path.exists() for path in left):

@@ -6,7 +6,7 @@ import math
 import os
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any
 
@@ -17,8 +17,8 @@ from cfid.errors import DeviceError
 from cfid.records.campaign import Campaign
 from cfid.rig.hardware import in_place
 from cfid.sim.devices import SimulatedRig
-from cfid.sim.rotors import RotorTruth
-from cfid.sim.truth_file import SimTruth
+from cfid.sim.propulsion import RotorTruth
+from cfid.sim.truth import SimTruth
 from cfid.sim.virtual import Virtual
 
 _PAUSE_S = 20.0  # of an operator between two recordings
@@ -124,9 +124,7 @@ class Laboratory:
 
 
 @contextlib.contextmanager
-def _operator(
-    hardware: Virtual, rotors: RotorTruth, rng: np.random.Generator, recording: Recording
-) -> Iterator[None]:
+def _operator(hardware: Virtual, rotors: RotorTruth, rng: np.random.Generator, recording: Recording) -> Iterator[None]:
     """Let an operator type what a tachometer shows at each command, just before the command ends."""
     read, written = os.pipe()
     turned_s: float | None = None

@@ -10,9 +10,8 @@ from cfid.sim.demo_motors import record_chapter_3
 from cfid.sim.demo_runs import SimulatedRun
 from cfid.sim.demo_swings import record_chapter_2
 from cfid.sim.demo_wind import record_chapter_4
-from cfid.sim.imperfections import draw, imperfection
 from cfid.sim.sine_bench import LATE_RADIO, Bench
-from cfid.sim.truth_file import SimTruth, as_mounted
+from cfid.sim.truth import SimTruth, as_mounted, draw, imperfection
 from cfid.wire.app import MIDDLE
 
 DEMO_TRUTH = SimTruth(radio=LATE_RADIO)

@@ -9,9 +9,8 @@ from cfid.records.rig_file import Rig
 from cfid.sim.demo_runs import PAUSE_S, SimulatedDevice, SimulatedRun
 from cfid.sim.encoder import EncoderModel, EncoderRecording, record
 from cfid.sim.plants import DroppingWeight, drop
-from cfid.sim.rig import draw_testbody, record_swings
-from cfid.sim.truth import Truth
-from cfid.sim.truth_file import SimTruth, draw_vehicle
+from cfid.sim.swing import Truth, draw_testbody, record_swings
+from cfid.sim.truth import SimTruth, draw_vehicle
 from cfid.units import MM
 
 WEIGHTS_G = (20.0, 20.0, 30.0, 30.0, 40.0, 40.0, 50.0, 50.0)

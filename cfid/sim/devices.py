@@ -11,7 +11,6 @@ from cfid.errors import ConfigError
 from cfid.recordings.wrench import AXES
 from cfid.records.rig_file import EncoderLines, LoadCellLines, Rig
 from cfid.sim.app_core import load_core
-from cfid.sim.axis import DROPS, Axis, dropping, resting, swinging
 from cfid.sim.crazyflie import Crazyflie
 from cfid.sim.e201 import E201Device
 from cfid.sim.faults import (
@@ -33,9 +32,18 @@ from cfid.sim.loadcell import SimulatedLoadCell
 from cfid.sim.netft import NetFTBox
 from cfid.sim.plants import DroppingWeight
 from cfid.sim.propulsion import STILL, Four, OnMotors, Propulsion
-from cfid.sim.rig import Truth, draw_testbody, hanging, pendulum, two_threads
 from cfid.sim.stepping import Array
-from cfid.sim.truth_file import USUAL_TRUTH, AxisTruth, SimTruth, as_mounted, draw_vehicle
+from cfid.sim.swing import (
+    DROPS,
+    Axis,
+    dropping,
+    hanging,
+    pendulum,
+    resting,
+    swinging,
+    two_threads,
+)
+from cfid.sim.truth import USUAL_TRUTH, AxisTruth, SimTruth, Truth, as_mounted, draw_testbody, draw_vehicle
 from cfid.units import MM
 from cfid.wire.app import AppPorts
 

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
+from scipy.spatial.transform import Rotation
 
 from cfid.records.rig_file import Positive, Spread, Vector
 from cfid.sim.stepping import Array
@@ -62,7 +63,7 @@ class Imu:
         """Take how the body hangs and turns."""
         self._turning, self._rng = turning, rng
         axis, sensor_m, g = hanging.axis, hanging.sensor_m, hanging.gravity_mps2
-        to_sensor = turned(np.eye(3), np.radians(truth.misalignment_deg))  # rows: the sensor's axes
+        to_sensor = Rotation.from_rotvec(truth.misalignment_deg, degrees=True).apply(np.eye(3))  # rows: its axes
         along = (hanging.down @ axis) * axis
         lever = np.cross(axis, sensor_m)
         # per angular acceleration, square of speed, cosine and sine of the angle
@@ -94,14 +95,3 @@ class Imu:
 def _word(value: float, step: float) -> float:
     """Return a value rounded to the steps of 16 bits, and clipped at their ends."""
     return min(max(round(value / step), -_WORD), _WORD - 1) * step
-
-
-def turned(vectors: Array, by_rad: Array) -> Array:
-    """Turn vectors (3,) or the rows of (n, 3) by a rotation vector (3,), by the formula of Rodrigues."""
-    angle = float(np.linalg.norm(by_rad))
-    if angle == 0:
-        return vectors
-    unit = by_rad / angle
-    along = (vectors @ unit)[..., None] * unit
-    across = vectors - along
-    return np.asarray(along + math.cos(angle) * across + math.sin(angle) * np.cross(unit, vectors))

@@ -13,7 +13,7 @@ import numpy as np
 
 from cfid.sim.link import Direction, RadioTruth
 from cfid.sim.loadcell import LoadCellTruth, SimulatedLoadCell
-from cfid.sim.rotors import RotorTruth, SimulatedRotors
+from cfid.sim.propulsion import RotorTruth, SimulatedRotors
 from cfid.sim.stepping import Array
 from cfid.wire.app import LARGEST_COMMAND, MIDDLE, SAMPLES_PER_S
 

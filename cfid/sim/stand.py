@@ -12,12 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cfid.sim.battery import BatteryTruth
 from cfid.sim.loadcell import LoadCellTruth, SimulatedLoadCell
-from cfid.sim.propulsion import STILL, Four, Propulsion
-from cfid.sim.rotors import RotorTruth
+from cfid.sim.propulsion import STILL, BatteryTruth, Four, Propulsion, RotorTruth, WindTruth
 from cfid.sim.stepping import Array
-from cfid.sim.wind import WindTruth
 
 Steps = Sequence[tuple[float, Four]]  # when, and the commands from then on
 

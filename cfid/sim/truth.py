@@ -1,203 +1,237 @@
-"""Draws true bodies and mounts around the nominal values of rig.toml; nothing moves here."""
+"""Lists the true parameters of a simulated rig, a TOML file in which every key has a default, and how rigs differ."""
 
 import math
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
+from pydantic import BaseModel, ConfigDict, ValidationError, field_validator, model_validator
 
 from cfid.errors import ConfigError
-from cfid.records.rig_file import Cuboid, Mount, Rig
+from cfid.records.files import first_fault, read_toml
+from cfid.records.rig_file import Number, Positive, Rig, Spread, Vector
+from cfid.sim.crazyflie import CrazyflieTruth, Platform
+from cfid.sim.imu import ImuTruth
+from cfid.sim.link import RadioTruth
+from cfid.sim.loadcell import LoadCellTruth
+from cfid.sim.propulsion import BRUSHLESS, BatteryTruth, RotorTruth, WindTruth
 from cfid.sim.stepping import Array
+from cfid.sim.swing import TrueFriction, Truth, draw_truth, with_errors
 from cfid.units import MM
 
-CUBE_M, CUBE_ARM_M = 0.019, 0.002
-FRICTION_SPREAD = 0.1  # between mounts; the thesis' fits vary as much (table 2.3)
+Matrix = tuple[Vector, Vector, Vector]
+Distribution = Literal["normal", "around", "fixed"]
+
+# A Crazyflie with a battery a little off centre: near the thesis' result, a body that can exist.
+INERTIA_KG_M2 = 1e-6 * np.array([[16.4, -0.6, 0.5], [-0.6, 16.9, 1.1], [0.5, 1.1, 29.0]])
+_X, _Y, _Z = INERTIA_KG_M2.tolist()
 
 
-@dataclass(frozen=True, kw_only=True)
-class TrueFriction:
-    """The friction of a swing.
+class _TruthTable(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    With these defaults, a Crazyflie released at 50 degrees about x has fallen below 10 degrees after eight periods
-    and shows 14 peaks above 1 degree, like the thesis' (section 2.4.4, table 2.3). The last three are as in Pendulum.
+
+class VehicleTruth(_TruthTable):
+    """The vehicle's inertia matrix about its centre of mass.
+
+    Its mass and centre of mass differ from rig.toml's by the errors, beyond what rig.toml states. A cube of
+    `fixture_kg`, which rig.toml does not state, swings with it.
     """
 
-    viscous_nms_per_rad: float = 1.5e-5
-    coulomb_nm: float = 4e-5
-    quadratic_nms2_per_rad2: float = 2e-8
-    spring_nm_per_rad: float = 0.0
-    stribeck_nm: float = 0.0
-    ripple_nm: float = 0.0
+    inertia_kg_m2: Matrix = (tuple(_X), tuple(_Y), tuple(_Z))
+    mass_error_kg: Number = 0.0
+    centre_of_mass_error_mm: Vector = (0.0, 0.0, 0.0)
+    fixture_kg: Spread = 0.0
+
+    @field_validator("inertia_kg_m2")
+    @classmethod
+    def _can_exist(cls, matrix: Matrix) -> Matrix:
+        inertia = np.array(matrix)
+        if not np.array_equal(inertia, inertia.T):
+            raise ValueError("an inertia matrix is symmetric")
+        if not np.linalg.eigvalsh(np.trace(inertia) / 2 * np.eye(3) - inertia)[0] >= 0:
+            raise ValueError("no body has this inertia: one principal moment exceeds the sum of the others")
+        return matrix
 
 
-OF_THREADS = TrueFriction(viscous_nms_per_rad=3e-6, coulomb_nm=0.0, quadratic_nms2_per_rad2=2e-7)  # air alone
+class SwingTruth(_TruthTable):
+    """What disturbs every swing: axes that tilt (standard deviation), a cable's spring, uneven dry friction.
 
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class TrueMount:
-    """A true axis: a point on it (3,), its unit direction (3,), and its friction.
-
-    Two threads instead have distances above and below, and a length; the point is then the centre of mass.
+    The encoder's ring is mounted off centre: it adds a sine of `eccentricity_deg` to the angle.
     """
 
-    point_m: Array
-    direction: Array
-    friction: TrueFriction
-    threads_m: tuple[float, float, float] | None = None
+    tilt_deg: Spread = 0.0
+    spring_nm_per_rad: Spread = 0.0
+    stribeck_nm: Spread = 0.0
+    ripple_nm: Number = 0.0
+    eccentricity_deg: Number = 0.0
 
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Truth:
-    """A true body: centre of mass (3,), inertia matrix about it (3, 3), mounts by name.
-
-    A cube of `fixture_kg` swings on each axis too, with edges of CUBE_M and its centre CUBE_ARM_M below the axis
-    (C.1.7).
-    """
-
-    mass_kg: float
-    gravity_mps2: float
-    centre_of_mass_m: Array
-    inertia_kg_m2: Array
-    mounts: Mapping[str, TrueMount]
-    fixture_kg: float = 0.0
-
-
-def draw_truth(
-    rig: Rig,
-    *,
-    inertia_kg_m2: npt.ArrayLike,
-    rng: np.random.Generator,
-    friction: TrueFriction = TrueFriction(),
-) -> Truth:
-    """Draw a vehicle whose measured values, with their standard deviations, are those of the rig.
-
-    `inertia_kg_m2` (3, 3) is taken as it is. A mount is one physical axis: its `direction` counts, and
-    `distance_direction` is ignored.
-    """
-    vehicle = rig.vehicle
-    return Truth(
-        mass_kg=rng.normal(vehicle.mass_kg, vehicle.mass_std_kg),
-        gravity_mps2=_draw_gravity(rig, rng=rng),
-        centre_of_mass_m=MM * rng.normal(vehicle.centre_of_mass_mm, vehicle.centre_of_mass_std_mm),
-        inertia_kg_m2=np.asarray(inertia_kg_m2, dtype=np.float64),
-        mounts=_draw_mounts(rig.mounts, friction=friction, rng=rng),
-    )
-
-
-def draw_testbody(
-    rig: Rig,
-    *,
-    rng: np.random.Generator,
-    gravity_mps2: float | None = None,
-    friction: TrueFriction = TrueFriction(),
-) -> Truth:
-    """Draw the test body: edges vary by `length_std_mm`, centre of mass and inertia follow from them.
-
-    Give the vehicle's `gravity_mps2` to swing both at one place; else gravity is drawn too. Raises
-    ConfigError for a rig without test body.
-    """
-    body = rig.testbody
-    if body is None:
-        raise ConfigError("rig.toml: testbody: expected a table with mass_kg and cuboids, found none.")
-    mass_kg = rng.normal(body.mass_kg, body.mass_std_kg)
-    sizes_m = MM * np.array([rng.normal(cuboid.size_mm, body.length_std_mm) for cuboid in body.cuboids])
-    centre_of_mass_m, inertia_kg_m2 = _of_cuboids(body.cuboids, sizes_m=sizes_m, mass_kg=mass_kg)
-    return Truth(
-        mass_kg=mass_kg,
-        gravity_mps2=_draw_gravity(rig, rng=rng) if gravity_mps2 is None else gravity_mps2,
-        centre_of_mass_m=centre_of_mass_m,
-        inertia_kg_m2=inertia_kg_m2,
-        mounts=_draw_mounts(body.mounts, friction=friction, rng=rng),
-    )
-
-
-def with_errors(
-    truth: Truth,
-    *,
-    mass_kg: float,
-    centre_of_mass_m: npt.ArrayLike,
-    fixture_kg: float,
-    tilt_deg: float,
-    rng: np.random.Generator,
-) -> Truth:
-    """Return the body with a mass and a centre of mass that are off by these amounts, and with a fixture.
-
-    Each axis tilts by two normal angles of standard deviation `tilt_deg`, about the directions across it.
-    """
-    mounts = truth.mounts
-    if tilt_deg:
-        mounts = {
-            name: replace(mount, direction=_tilted(mount.direction, tilt_deg, rng=rng))
-            for name, mount in mounts.items()
-        }
-    centre_m = truth.centre_of_mass_m + np.asarray(centre_of_mass_m)
-    return replace(
-        truth,
-        mass_kg=truth.mass_kg + mass_kg,
-        centre_of_mass_m=centre_m,
-        fixture_kg=fixture_kg,
-        mounts=mounts,
-    )
-
-
-def _draw_gravity(rig: Rig, *, rng: np.random.Generator) -> float:
-    return rng.normal(rig.site.gravity_mps2, rig.site.gravity_std_mps2)
-
-
-def _draw_mounts(
-    mounts: Mapping[str, Mount], *, friction: TrueFriction, rng: np.random.Generator
-) -> dict[str, TrueMount]:
-    return {
-        name: TrueMount(
-            point_m=mount.point_m + MM * rng.normal(0, mount.point_std_mm) @ np.array(mount.point_axes),
-            direction=_draw_direction(mount, rng=rng),
-            friction=_draw_friction(OF_THREADS if mount.threads else friction, rng=rng),
-            threads_m=_draw_threads(mount, rng=rng),
+    @property
+    def friction(self) -> TrueFriction:
+        """The usual friction with these disturbances."""
+        return TrueFriction(
+            spring_nm_per_rad=self.spring_nm_per_rad, stribeck_nm=self.stribeck_nm, ripple_nm=self.ripple_nm
         )
-        for name, mount in mounts.items()
-    }
+
+    @property
+    def eccentricity_rad(self) -> float:
+        """The encoder's error."""
+        return math.radians(self.eccentricity_deg)
 
 
-def _draw_threads(mount: Mount, *, rng: np.random.Generator) -> tuple[float, float, float] | None:
-    if mount.threads is None:
-        return None
-    above, below, length = rng.normal(*mount.threads.lengths_m)
-    off = 2 * rng.normal(0.0, mount.threads.centre_std_mm) / mount.threads.below_mm
-    as_in_the_middle = math.sqrt(1 - off**2)  # threads closer by this factor turn a body back as much
-    return as_in_the_middle * above, as_in_the_middle * below, length
+class AxisTruth(_TruthTable):
+    """The axis that the dropping weights turn: its own inertia and its friction.
+
+    The friction is near that of the thesis' axis in table 2.1, taken as Coulomb and viscous friction. The line has a
+    diameter, and lies in layers of `turns_per_layer` where that is not zero.
+    """
+
+    setup_inertia_kg_m2: Positive = 1.5e-7
+    coulomb_nm: Spread = 3.2e-4
+    viscous_nms_per_rad: Spread = 1.1e-6
+    line_diameter_mm: Spread = 0.0
+    turns_per_layer: Spread = 0.0
 
 
-def _draw_direction(mount: Mount, *, rng: np.random.Generator) -> Array:
-    """Tilt the nominal direction about two axes perpendicular to it."""
-    return _tilted(np.array(mount.direction) / np.linalg.norm(mount.direction), mount.direction_std_deg, rng=rng)
+class SimTruth(_TruthTable):
+    """All true parameters. A Brushless has its own rotors by default."""
+
+    vehicle: VehicleTruth = VehicleTruth()
+    swing: SwingTruth = SwingTruth()
+    axis: AxisTruth = AxisTruth()
+    rotors: RotorTruth = RotorTruth()
+    loadcell: LoadCellTruth = LoadCellTruth()
+    crazyflie: CrazyflieTruth = CrazyflieTruth()
+    imu: ImuTruth = ImuTruth()
+    battery: BatteryTruth = BatteryTruth()
+    radio: RadioTruth = RadioTruth()
+    wind: WindTruth = WindTruth()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _fits_the_platform(cls, content: dict[str, Any]) -> dict[str, Any]:
+        crazyflie, rotors = content.get("crazyflie", {}), content.get("rotors", {})
+        platform = crazyflie.get("platform") if isinstance(crazyflie, dict) else getattr(crazyflie, "platform", None)
+        if platform != "cf21bl" or not isinstance(rotors, dict):
+            return content
+        return {**content, "rotors": {**BRUSHLESS, **rotors}}
 
 
-def _tilted(nominal: Array, std_deg: float, *, rng: np.random.Generator) -> Array:
-    across = np.linalg.svd(nominal[np.newaxis])[2][1:]  # (2, 3): spans the plane perpendicular to it
-    tilt_rad = math.radians(std_deg) * rng.standard_normal(2)
-    angle_rad = np.linalg.norm(tilt_rad)
-    return np.asarray(np.cos(angle_rad) * nominal + np.sinc(angle_rad / np.pi) * (tilt_rad @ across))
+USUAL_TRUTH = SimTruth()
 
 
-def _draw_friction(typical: TrueFriction, *, rng: np.random.Generator) -> TrueFriction:
-    viscous, coulomb, quadratic = rng.lognormal(0, FRICTION_SPREAD, 3)
-    return replace(
-        typical,
-        viscous_nms_per_rad=typical.viscous_nms_per_rad * viscous,
-        coulomb_nm=typical.coulomb_nm * coulomb,
-        quadratic_nms2_per_rad2=typical.quadratic_nms2_per_rad2 * quadratic,
+def usual_truth(platform: Platform) -> SimTruth:
+    """Return the default truth of a rig with a vehicle of this platform."""
+    return SimTruth.model_validate({"crazyflie": {"platform": platform}})
+
+
+def draw_vehicle(rig: Rig, truth: SimTruth, *, rng: np.random.Generator) -> Truth:
+    """Draw a vehicle and its mounts around rig.toml's values, with the truth's own errors in addition."""
+    vehicle = draw_truth(rig, inertia_kg_m2=truth.vehicle.inertia_kg_m2, friction=truth.swing.friction, rng=rng)
+    return with_errors(
+        vehicle,
+        mass_kg=truth.vehicle.mass_error_kg,
+        centre_of_mass_m=MM * np.array(truth.vehicle.centre_of_mass_error_mm),
+        fixture_kg=truth.vehicle.fixture_kg,
+        tilt_deg=truth.swing.tilt_deg,
+        rng=rng,
     )
 
 
-def _of_cuboids(cuboids: Iterable[Cuboid], *, sizes_m: Array, mass_kg: float) -> tuple[Array, Array]:
-    """Return centre of mass (3,) and inertia matrix (3, 3) about it of boxes of one material, sizes (n, 3)."""
-    centres_m = MM * np.array([cuboid.centre_mm for cuboid in cuboids])
-    volumes = sizes_m.prod(axis=1)
-    masses_kg = mass_kg * volumes / volumes.sum()
-    centre_of_mass_m = masses_kg @ centres_m / mass_kg
-    # The matrix of second moments of mass; the inertia matrix is its trace less itself.
-    arms_m = centres_m - centre_of_mass_m
-    moments = np.diag(masses_kg @ sizes_m**2) / 12 + (arms_m.T * masses_kg) @ arms_m
-    return centre_of_mass_m, np.trace(moments) * np.eye(3) - moments
+def as_mounted(truth: SimTruth, rig: Rig) -> SimTruth:
+    """Return a truth with rig.toml's mounting wherever the truth file states no value."""
+    facts, arm_mm = rig.facts, rig.loadcell.arm_mm
+    mounted: dict[str, dict[str, Any]] = {
+        "loadcell": {"yaw_deg": facts.loadcell.yaw_deg, "flip_fz": facts.loadcell.flip_fz},
+        "rotors": {"arm_m": None if arm_mm is None else MM * arm_mm, "markers": facts.tachometer.markers},
+        "wind": {"azimuth_deg": facts.wind.azimuth_deg, "yaw_deg": facts.yaw_in_wind_deg},
+    }
+    parts = {}
+    for name, stated in mounted.items():
+        part = getattr(truth, name)
+        new = {key: value for key, value in stated.items() if value is not None and key not in part.model_fields_set}
+        parts[name] = part.model_copy(update=new)
+    return truth.model_copy(update=parts)
+
+
+def load_truth(path: Path, *, platform: Platform | None = None) -> SimTruth:
+    """Read a truth file; `platform` overrides the file's own. Raises ConfigError naming file and key."""
+    try:
+        content = read_toml(path, ConfigError)
+    except FileNotFoundError:
+        raise ConfigError(f"{path}: no such file.") from None
+    if platform is not None and isinstance(content.setdefault("crazyflie", {}), dict):
+        content["crazyflie"]["platform"] = platform
+    try:
+        return SimTruth.model_validate(content)
+    except ValidationError as error:
+        raise ConfigError(f"{path}: {first_fault(error, content)}") from None
+
+
+class Imperfection(NamedTuple):
+    """How a real rig differs from the ideal one: a key of a truth file, off by default, and its values between rigs.
+
+    `normal`: mean 0 and the standard deviation `size`, drawn separately for each number of a list. `around`: between
+    0.5 and 1.5 times `size`, all equally likely. `fixed`: `size` itself, since it is the standard deviation of what
+    varies within one rig, from one time to another.
+    """
+
+    key: str
+    distribution: Distribution
+    size: float
+    unit: str
+    text: str
+
+
+IMPERFECTIONS = (
+    Imperfection("swing.eccentricity_deg", "around", 0.3, "deg", "the encoder's ring is mounted off centre"),
+    Imperfection("swing.spring_nm_per_rad", "around", 6e-5, "Nm/rad", "a cable acts as a spring, 1 % of gravity"),
+    Imperfection("swing.stribeck_nm", "around", 2e-5, "Nm", "dry friction is larger at low speed"),
+    Imperfection("swing.ripple_nm", "normal", 1e-5, "Nm", "dry friction varies with the angle"),
+    Imperfection("swing.tilt_deg", "fixed", 1.0, "deg", "axes are mounted less exactly than rig.toml states"),
+    Imperfection("vehicle.fixture_kg", "around", 1.2e-3, "kg", "the cube on the axis is neglected"),
+    Imperfection("vehicle.centre_of_mass_error_mm", "normal", 0.5, "mm", "the centre of mass is known less exactly"),
+    Imperfection("vehicle.mass_error_kg", "normal", 1e-4, "kg", "the mass is known less exactly"),
+    Imperfection("axis.line_diameter_mm", "around", 0.2, "mm", "the line's thickness is neglected"),
+    Imperfection("axis.turns_per_layer", "around", 20.0, "turns", "the line is wound in layers"),
+    Imperfection("rotors.thrust_scatter", "fixed", 0.005, "relative", "thrust scatters from step to step"),
+    Imperfection("rotors.speed_wander", "fixed", 0.005, "relative", "a rotor's speed wanders, correlated over 0.1 s"),
+    Imperfection("rotors.slower_fall", "around", 0.5, "relative", "a rotor slows down more slowly than it speeds up"),
+    Imperfection("rotors.arm_error", "normal", 0.01, "relative", "the arm is longer than stated"),
+    Imperfection("rotors.tachometer_gain", "normal", 0.005, "relative", "the tachometer reads too much"),
+    Imperfection("rotors.tachometer_std", "fixed", 0.005, "relative", "the tachometer's readings scatter with speed"),
+    Imperfection("loadcell.gain_error", "normal", 0.01, "relative", "the load cell's axes read too much"),
+    Imperfection("loadcell.crosstalk", "normal", 0.005, "of range", "the load cell's axes show each other's load"),
+    Imperfection("loadcell.warm_up", "around", 0.02, "relative", "the load cell reads too little while it warms up"),
+    Imperfection("loadcell.bias_wander", "fixed", 1e-4, "of range", "the load cell's bias wanders within a minute"),
+    Imperfection("battery.charge", "around", 0.6, "of full", "a lithium cell sags (with battery.kind = lipo)"),
+    Imperfection("radio.loss", "fixed", 0.01, "of all", "packets and reports are lost"),
+    Imperfection("radio.jitter_shape", "around", 2.0, "1", "delays have no sharp lower edge"),
+    Imperfection("radio.floor_wander_s", "fixed", 5e-3, "s", "the shortest delay wanders within a minute"),
+    Imperfection("radio.congestion_s", "around", 0.03, "s", "packets take longer in times of congestion"),
+    Imperfection("wind.anemometer_gain", "normal", 0.04, "relative", "the anemometer reads too much"),
+)
+
+
+def imperfection(key: str, *, size: float | None = None) -> Imperfection:
+    """Return the imperfection of a key, with another size where one is given. Raises KeyError for an unknown key."""
+    found = {entry.key: entry for entry in IMPERFECTIONS}[key]
+    return found if size is None else found._replace(size=size)
+
+
+def draw(truth: SimTruth, imperfections: Iterable[Imperfection], *, rng: np.random.Generator) -> SimTruth:
+    """Return the truth of another rig, with a value for each of the imperfections drawn from its distribution."""
+    for entry in imperfections:
+        section, name = entry.key.split(".")
+        part = getattr(truth, section)
+        value = _drawn(entry, np.shape(getattr(part, name)), rng)
+        changed = type(part).model_validate({**part.model_dump(exclude_unset=True), name: value.tolist()})
+        truth = truth.model_copy(update={section: changed})
+    return truth
+
+
+def _drawn(entry: Imperfection, shape: tuple[int, ...], rng: np.random.Generator) -> Array:
+    if entry.distribution == "normal":
+        return np.asarray(entry.size * rng.standard_normal(shape))
+    return np.asarray(entry.size * (rng.uniform(0.5, 1.5, shape) if entry.distribution == "around" else np.ones(shape)))

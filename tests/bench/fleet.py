@@ -34,7 +34,7 @@ from cfid.fleet.refit import refit
 from cfid.records.campaign import open_campaign
 from cfid.records.parameters import plain
 from cfid.sim.demo_swings import record_chapter_2
-from cfid.sim.truth_file import USUAL_TRUTH
+from cfid.sim.truth import USUAL_TRUTH
 from tests.kept import sections_at
 
 CAMPAIGNS = int(os.environ.get("BENCH_CAMPAIGNS", "200"))

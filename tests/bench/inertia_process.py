@@ -15,8 +15,8 @@ import numpy as np
 
 from cfid.records.rig_file import load_rig, new_rig_text
 from cfid.sim.encoder import EncoderModel
-from cfid.sim.rig import draw_truth, record_swings
-from cfid.sim.truth_file import INERTIA_KG_M2
+from cfid.sim.swing import draw_truth, record_swings
+from cfid.sim.truth import INERTIA_KG_M2
 
 RUNS = 9
 

@@ -21,7 +21,7 @@ from scipy.optimize import minimize
 from cfid.estimate.blocks import block_means
 from cfid.sim.link import Direction, RadioTruth
 from cfid.sim.loadcell import LoadCellTruth, SimulatedLoadCell
-from cfid.sim.rotors import NOMINAL_V, RotorTruth, SimulatedRotors
+from cfid.sim.propulsion import NOMINAL_V, RotorTruth, SimulatedRotors
 from cfid.sim.sine_bench import ARM_M, LATE_RADIO, USUAL_CELL
 from cfid.transfer.estimation import MeasuredSeries, fit_transfer, measure
 from cfid.transfer.frequency_response import END_S, SETTLE_S, Response

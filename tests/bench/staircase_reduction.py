@@ -15,9 +15,8 @@ import pandas as pd
 
 from cfid.estimate.staircase import reduce_single
 from cfid.estimate.staircase_points import Point
-from cfid.sim.battery import BatteryTruth
 from cfid.sim.loadcell import LoadCellTruth
-from cfid.sim.rotors import RotorTruth
+from cfid.sim.propulsion import BatteryTruth, RotorTruth
 from cfid.sim.stand import simulate_stand, staircase_steps
 
 FILES = int(os.environ.get("BENCH_FILES", "112"))

@@ -15,7 +15,7 @@ from cfid.inertia.directions import matrix_rows
 from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import Rig, load_rig
 from cfid.rig.sim_file import SIM_FILE
-from cfid.sim.truth_file import INERTIA_KG_M2
+from cfid.sim.truth import INERTIA_KG_M2
 from tests.places import ROOT
 from tests.processes import Forked, started
 

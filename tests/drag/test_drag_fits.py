@@ -24,7 +24,7 @@ from cfid.errors import DataError, FitError
 from cfid.records.files import RIG_FILE
 from cfid.records.result import Result
 from cfid.records.rig_file import RigFacts, WindStand, new_rig_text
-from cfid.sim.rotors import RotorTruth
+from cfid.sim.propulsion import RotorTruth
 from tests.drag.test_drag_campaigns import COMPLEX_AIR, EQ_4_9, EQ_4_11, NAMES, SIMPLE_AIR, WORLDS, exact, measured
 from tests.drag.wind_in_a_folder import (
     DRIVEN,

@@ -20,7 +20,7 @@ from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import new_rig_text
 from cfid.records.run import list_runs, read_run
 from cfid.sim.loadcell import LoadCellTruth
-from cfid.sim.wind import WindTruth
+from cfid.sim.propulsion import WindTruth
 from tests.flying_in_a_folder import Bench, bench_in
 
 pytestmark = pytest.mark.usefixtures("in_time")

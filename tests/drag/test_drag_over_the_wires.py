@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from cfid.records.files import RUNS_FOLDER
-from cfid.sim.rotors import RotorTruth
-from cfid.sim.wind import WindTruth
+from cfid.sim.propulsion import RotorTruth, WindTruth
 from tests.flying_in_a_folder import Pilot, bench_in
 
 pytestmark = pytest.mark.usefixtures("in_time")

@@ -18,9 +18,7 @@ from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import NONE_STATED, LoadCellMount, RigFacts, Tachometer, WindStand, new_rig_text
 from cfid.records.run import DeviceRecord, Label, Run, read_run, write_header
 from cfid.records.run_writer import create_run
-from cfid.sim.battery import BatteryTruth
-from cfid.sim.rotors import RotorTruth
-from cfid.sim.wind import WindTruth
+from cfid.sim.propulsion import BatteryTruth, RotorTruth, WindTruth
 from tests.motors.stand_in_a_folder import BEGIN_S, COLUMNS, climbed, write_run
 
 Cfid = Callable[..., subprocess.CompletedProcess[str]]

@@ -13,9 +13,8 @@ from cfid.errors import DataError, FitError
 from cfid.estimate.staircase import mean_in_windows, reduce_single, reduce_staircase
 from cfid.estimate.staircase_points import Point, Staircase
 from cfid.motors.maps.thesis import reduce_thesis
-from cfid.sim.battery import BatteryTruth
 from cfid.sim.loadcell import SATURATED, LoadCellTruth
-from cfid.sim.rotors import RotorTruth
+from cfid.sim.propulsion import BatteryTruth, RotorTruth
 from cfid.sim.stand import StandRecord, simulate_stand, staircase_steps
 
 Array = npt.NDArray[np.float64]

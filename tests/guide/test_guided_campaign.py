@@ -13,9 +13,8 @@ import numpy as np
 import pytest
 
 from cfid.rig.sim_file import SIM_FILE
-from cfid.sim.rotors import RotorTruth
-from cfid.sim.truth_file import INERTIA_KG_M2
-from cfid.sim.wind import WindTruth
+from cfid.sim.propulsion import RotorTruth, WindTruth
+from cfid.sim.truth import INERTIA_KG_M2
 from tests.kept import sections_at
 from tests.processes import started
 

@@ -11,9 +11,8 @@ import numpy.typing as npt
 from cfid.records.rig_file import NONE_STATED, RigFacts
 from cfid.records.run import DeviceRecord, Label, Run
 from cfid.records.run_writer import create_run
-from cfid.sim.battery import BatteryTruth
 from cfid.sim.loadcell import LoadCellTruth
-from cfid.sim.rotors import RotorTruth
+from cfid.sim.propulsion import BatteryTruth, RotorTruth
 from cfid.sim.stand import StandRecord, simulate_stand, staircase_steps
 
 Array = npt.NDArray[np.float64]

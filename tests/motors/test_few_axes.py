@@ -15,7 +15,7 @@ from cfid.motors.maps.verdict import of_forces
 from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import new_rig_text
 from cfid.records.run import Run, write_header
-from cfid.sim.rotors import RotorTruth
+from cfid.sim.propulsion import RotorTruth
 from tests.few_axes import with_axes
 from tests.motors.stand_in_a_folder import climbed, write_run
 

@@ -20,8 +20,7 @@ from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import LoadCellMount, RigFacts, Tachometer, new_rig_text
 from cfid.records.run import DeviceRecord, Label
 from cfid.records.run_writer import create_run
-from cfid.sim.battery import BatteryTruth
-from cfid.sim.rotors import RotorTruth
+from cfid.sim.propulsion import BatteryTruth, RotorTruth
 from tests.campaigns import sentences
 from tests.kept import sections_at
 from tests.motors.sentences import remarks

@@ -22,9 +22,8 @@ from cfid.motors.maps.voltage import THRUST_ORDER, VoltageComparison, compare
 from cfid.motors.points import MotorPoints
 from cfid.motors.stand_points import points_of
 from cfid.motors.vibration.estimation import rotor_speed
-from cfid.sim.battery import BatteryTruth
 from cfid.sim.loadcell import LoadCellTruth
-from cfid.sim.rotors import NOMINAL_V, RotorTruth
+from cfid.sim.propulsion import NOMINAL_V, BatteryTruth, RotorTruth
 from cfid.sim.stand import StandRecord, simulate_stand, staircase_steps
 
 Array = npt.NDArray[np.float64]

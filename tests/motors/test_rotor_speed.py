@@ -10,7 +10,7 @@ from cfid.errors import FitError
 from cfid.motors.vibration.estimation import RotorSpeed, rotor_speed
 from cfid.motors.vibration.spectrum import spectrum
 from cfid.sim.loadcell import LoadCellTruth, SimulatedLoadCell
-from cfid.sim.rotors import RotorTruth, SimulatedRotors
+from cfid.sim.propulsion import RotorTruth, SimulatedRotors
 from tests.motors.sentences import rejections, remarks
 
 Array = npt.NDArray[np.float64]

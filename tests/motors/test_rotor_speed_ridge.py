@@ -10,7 +10,7 @@ from scipy.special import roots_jacobi
 from cfid.errors import FitError
 from cfid.motors.vibration.ridge import SpeedRidge, speed_ridge
 from cfid.sim.loadcell import LoadCellTruth, SimulatedLoadCell
-from cfid.sim.rotors import RotorTruth, SimulatedRotors
+from cfid.sim.propulsion import RotorTruth, SimulatedRotors
 from tests.motors.test_rotor_speed import HZ, noise, rotating
 
 Array = npt.NDArray[np.float64]

@@ -26,9 +26,9 @@ from cfid.sim.demo_runs import SimulatedRun
 from cfid.sim.demo_swings import drop_runs, swing_runs
 from cfid.sim.demo_wind import record_chapter_4
 from cfid.sim.loadcell import LoadCellTruth
-from cfid.sim.rig import pendulum
 from cfid.sim.stand import simulate_stand, staircase_steps
-from cfid.sim.truth_file import SimTruth, draw_vehicle
+from cfid.sim.swing import pendulum
+from cfid.sim.truth import SimTruth, draw_vehicle
 
 STEPS = tuple(range(8000, 64001, 8000))
 MODERATE_STEPS = tuple(range(8000, 56001, 8000))

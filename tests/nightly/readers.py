@@ -29,7 +29,7 @@ from cfid.report.content import gather
 from cfid.report.formats.render import rendered
 from cfid.sim.loadcell import LoadCellTruth, SimulatedLoadCell
 from cfid.sim.netft import NetFTBox
-from cfid.sim.truth_file import load_truth
+from cfid.sim.truth import load_truth
 from cfid.wire import app, crtp, e201, netft, rdt, scales, supervisor, ut372
 from tests.logs.autopilot_bytes import blackbox, ulog
 from tests.logs.usd_bytes import single

@@ -29,13 +29,11 @@ from cfid.rig.stock_motors import StockMotors
 from cfid.rig.supervisor import Supervisor, SupervisorLog
 from cfid.rig.vehicle import Vehicle
 from cfid.sim.app_core import load_core
-from cfid.sim.battery import BatteryTruth
 from cfid.sim.crazyflie import PROTOCOL, Crazyflie, CrazyflieTruth, variables
 from cfid.sim.crazyflie_services import parameters
 from cfid.sim.faults import CrazyflieFaults, FaultyCrazyflie
 from cfid.sim.link import Radio, RadioTruth
-from cfid.sim.propulsion import Four, Propulsion
-from cfid.sim.rotors import BRUSHLESS, RotorTruth
+from cfid.sim.propulsion import BRUSHLESS, BatteryTruth, Four, Propulsion, RotorTruth
 from cfid.wire.app import AppPorts, Hello
 from cfid.wire.crtp import ECHO_CHANNEL, ECHO_PORT, Packet, Variable, decode_packet, encode_packet
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from cfid.sim.rotors import RotorTruth
+from cfid.sim.propulsion import RotorTruth
 from tests.flying_in_a_folder import Bench, bench_in
 
 pytestmark = pytest.mark.usefixtures("in_time")

@@ -16,9 +16,9 @@ from cfid.rig.loop import Ending
 from cfid.rig.motor_commands import hold
 from cfid.rig.motors import MAY_BE_RUNNING, Limits
 from cfid.rig.recorder import Block, no_rows, sleep
-from cfid.sim.battery import BatteryTruth
 from cfid.sim.faults import CrazyflieFaults
 from cfid.sim.link import RadioTruth
+from cfid.sim.propulsion import BatteryTruth
 from cfid.transfer.sines.record import play_sine
 from cfid.wire.app import SineRequest, omega_of
 from cfid.wire.crtp import LOG_CONTROL_CHANNEL, LOG_PORT

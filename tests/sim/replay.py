@@ -18,11 +18,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cfid.sim.app_core import App
-from cfid.sim.battery import BatteryTruth
 from cfid.sim.crazyflie import Crazyflie, CrazyflieTruth, LeavingPacket, variables
 from cfid.sim.crazyflie_services import parameters
-from cfid.sim.propulsion import STILL, Propulsion
-from cfid.sim.rotors import BRUSHLESS, RotorTruth
+from cfid.sim.propulsion import BRUSHLESS, STILL, BatteryTruth, Propulsion, RotorTruth
 from cfid.sim.supervisor import UPDATE_STEPS
 from cfid.wire.app import AppPorts
 from cfid.wire.crtp import Packet, decode_packet, encode_packet
@@ -36,7 +34,7 @@ LATE_MS = 100  # how long a replay continues after the last line, for changes th
 APP_MS = 1.0  # how long packets for the app wait in its queue
 RAW = ("link source",)  # the note on the first raw request
 POLL = Packet(9, 0, b"\x0c")
-WORD, LOG_CONTROL, ROW, ALIVE = (9, 0), (5, 1), (5, 2), (12, 2)
+WORD, LOG_CONTROL, ALIVE = (9, 0), (5, 1), (12, 2)
 CREATE, APPEND = 6, 7  # a log block
 
 # The recorded vehicle's numbers for the parameters that the traces name.

@@ -19,29 +19,23 @@ from cflib.crtp.udpdriver import UdpDriver
 from twisted.internet.posixbase import PosixReactorBase
 
 from cfid.records.rig_file import thesis_rig
-from cfid.sim.crazyflie import CrazyflieTruth
 from cfid.sim.faults import CrazyflieFaults
 from cfid.sim.link import RadioTruth
 from cfid.sim.motor_trace import trace_motors
 from cfid.sim.propulsion import STILL
 from cfid.sim.service import Addresses, SimulatedRig
-from cfid.sim.truth_file import SimTruth
+from cfid.sim.truth import SimTruth
 from cfid.wire.app import (
     ALL_MOTORS_THRUST,
     AppPorts,
     PingChannel,
-    SineChannel,
-    SineRequest,
     ThrustChannel,
     ThrustRequest,
-    decode_crossing,
     decode_hello,
     decode_state,
     decode_thrust_answer,
     encode_alive,
-    encode_sine,
     encode_thrust,
-    omega_of,
 )
 from cfid.wire.crtp import Packet, decode_packet, encode_packet, encode_start_log
 from cfid.wire.rdt import Command, Request, decode_records, encode_request
@@ -51,8 +45,6 @@ InReactor = Callable[[Callable[[], Any]], Any]
 PORTS = AppPorts()
 RIG = thesis_rig().model_copy(update={"mounts": {}})  # no mount swings, since a swing would have to be integrated first
 WAIT_S = 5.0  # the longest wait for anything, on a busy machine
-
-MEMORY_PORT = 4
 
 
 class Served:
@@ -281,46 +273,6 @@ def test_the_core_of_the_app_runs_on_it_and_stops_the_motors_of_a_client_that_is
     assert float(lines[2][0]) - kept_s == pytest.approx(0.5, abs=0.2)
 
 
-def test_a_sine_of_the_core_shakes_the_load_cell_and_its_crossings_are_reported(served: Served) -> None:
-    addresses = served.open()
-    sine = SineRequest(0, 20000, omega_of(10, 1000), 1000)
-    alive_from_s = time.monotonic()
-    with Client(addresses) as client:
-        client.ask(PORTS.ping, PingChannel.ALIVE, encode_alive(0))
-        client.say(PORTS.sine, SineChannel.START, encode_sine(sine))
-        fz, crossings = listen(addresses, client, until_s=alive_from_s + 2.5)
-    indices = [crossing.sample for crossing in crossings]
-    expected = [0] + [round(50 * (k + 0.5)) for k in range(20)] + [1000]
-    assert indices == [pytest.approx(index, abs=1) for index in expected]
-    spectrum = np.abs(np.fft.rfft((fz - fz.mean())[-7 * len(fz) // 10 : -len(fz) // 10]))
-    loudest_hz = (1 + np.argmax(spectrum[1:])) * 7000 / (2 * len(spectrum) - 2)
-    assert loudest_hz == pytest.approx(5.0, abs=1.0)  # 10 periods in 2 s
-
-
-def listen(addresses: Addresses, client: Client, *, until_s: float) -> tuple[Any, list[Any]]:
-    """Keep the app alive; return the load cell's Fz in N, and the crossings."""
-    crossings = []
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as cell:
-        cell.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 22)
-        cell.settimeout(WAIT_S)
-        cell.sendto(encode_request(Request(Command.REAL_TIME, 0)), (addresses.address, addresses.rdt_port))
-        while time.monotonic() < until_s:
-            client.say(PORTS.ping, PingChannel.ALIVE, encode_alive(1))
-            packet = client.hear()
-            while (packet.port, packet.channel) != (PORTS.ping, PingChannel.ALIVE):
-                if (packet.port, packet.channel) == (PORTS.sine, SineChannel.CROSSING):
-                    crossings.append(decode_crossing(packet.payload))
-                packet = client.hear()
-            time.sleep(0.1)
-        cell.setblocking(False)
-        datagrams = []
-        with suppress(BlockingIOError):
-            while True:
-                datagrams.append(cell.recv(2048))
-        cell.sendto(encode_request(Request(Command.STOP)), (addresses.address, addresses.rdt_port))
-    return decode_records(b"".join(datagrams))["counts"][:, 2] / 1e6, crossings
-
-
 def test_pings_measure_what_the_radio_did(served: Served) -> None:
     addresses = served.open(SimTruth(radio=RadioTruth(latency_s=0.01, jitter_s=0.004)))
     measured_s = []
@@ -338,37 +290,11 @@ def test_pings_measure_what_the_radio_did(served: Served) -> None:
     assert 0.012 < min(measured_s) < 0.05
 
 
-def test_two_clients_are_answered_and_one_alone_when_it_is_busy(served: Served) -> None:
-    addresses = served.open()
-    with Client(addresses) as one, Client(addresses) as other:
-        assert one.ask(15, 0, b"\1") == b"\1"
-        assert other.ask(15, 0, b"\2") == b"\2"
-        served.rig.crazyflie.faults = CrazyflieFaults(busy=True)
-        assert other.ask(15, 0, b"\2") == b"\2"
-        one.say(15, 0, b"\1")
-        assert one.hears_nothing()
-
-
 def test_a_port_that_closes_after_a_while_refuses_even_if_nobody_was_there(served: Served) -> None:
     addresses = served.open(faults=CrazyflieFaults(closed_after_s=0.1))
     time.sleep(0.3)
     with Client(addresses) as client, pytest.raises(ConnectionRefusedError):
         client.ask(15, 0, b"\1")
-
-
-def test_a_burst_of_nonsense_is_survived(served: Served) -> None:
-    addresses = served.open()
-    rng = np.random.default_rng(1)
-    with Client(addresses) as client:
-        for _ in range(500):
-            nonsense = rng.bytes(int(rng.integers(0, 40)))
-            if nonsense[:1] and nonsense[0] >> 4 != MEMORY_PORT:  # a request for an absent memory halts the firmware
-                client._socket.send(nonsense)
-        served.in_reactor(lambda: None)
-        served.rig.crazyflie.faults = CrazyflieFaults()
-        time.sleep(0.2)
-        client.say(15, 0, b"still there")
-        wait_until(lambda: client.hear().payload == b"still there")
 
 
 def test_what_spins_by_itself_does_so_until_the_vehicle_is_commanded(served: Served) -> None:
@@ -382,17 +308,3 @@ def test_what_spins_by_itself_does_so_until_the_vehicle_is_commanded(served: Ser
             time.sleep(0.05)
     time.sleep(0.5)
     assert lift_n(addresses) == pytest.approx(0.0, abs=0.01)
-
-
-def test_vehicles_without_the_app_are_told_by_their_truth(served: Served) -> None:
-    addresses = served.open(SimTruth(crazyflie=CrazyflieTruth(firmware="stock")))
-    with Client(addresses) as client:
-        client.say(PORTS.ping, PingChannel.HELLO, b"")
-        assert client.hears_nothing()
-
-
-def test_no_thread_but_the_reactors_serves_the_vehicle(served: Served) -> None:
-    before = threading.active_count()
-    with Client(served.open()) as client:
-        client.ask(15, 0, b"\1")
-    assert threading.active_count() == before

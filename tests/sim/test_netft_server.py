@@ -1,7 +1,6 @@
 """The simulated box on real loopback sockets, also read by independent clients from the package index."""
 
 import socket
-import threading
 import time
 import urllib.error
 import urllib.request
@@ -103,15 +102,6 @@ def test_asked_for_records_come_at_their_rate(served: _Served, client: socket.so
     assert _listen(client, for_s=0.1) == b""
 
 
-def test_a_stream_without_end_ends_when_told(served: _Served, client: socket.socket) -> None:
-    ports = served.open()
-    client.sendto(encode_request(Request(Command.REAL_TIME)), (LOOPBACK, ports.rdt))
-    assert len(_listen(client, for_s=0.2)) > 36
-    client.sendto(encode_request(Request(Command.STOP)), (LOOPBACK, ports.rdt))
-    _listen(client, for_s=0.1)
-    assert _listen(client, for_s=0.1) == b""
-
-
 def test_a_rate_set_over_http_holds_from_the_next_request(served: _Served, client: socket.socket) -> None:
     ports = served.open()
     served.get(ports.http, "/comm.cgi?comrdtrate=900&comrdtbsiz=10")
@@ -197,10 +187,3 @@ def test_netft_reads_single_records_and_takes_its_tare(served: _Served) -> None:
         assert sensor.getMeasurement() == (1e6 * LOAD).astype(int).tolist()
         assert sensor.tare(20) == pytest.approx(1e6 * LOAD)
         assert sensor.getForce() == [0, 0, 0]
-
-
-def test_no_thread_but_the_reactors_serves_the_box(served: _Served) -> None:
-    before = threading.active_count()
-    ports = served.open()
-    served.get(ports.http, configuration_query(0))
-    assert threading.active_count() == before

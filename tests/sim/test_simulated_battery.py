@@ -4,13 +4,11 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from cfid.sim.battery import Battery, BatteryTruth
-from cfid.sim.propulsion import STILL, Four, Propulsion
-from cfid.sim.rotors import RotorTruth, SimulatedRotors
+from cfid.sim.propulsion import STILL, Battery, BatteryTruth, Four, Propulsion, RotorTruth, SimulatedRotors
 
 SUPPLY = BatteryTruth()
 LIPO = BatteryTruth(kind="lipo")
@@ -20,13 +18,6 @@ FULL_SPEED: Four = (60000,) * 4
 
 def _propulsion(battery: BatteryTruth = SUPPLY) -> Propulsion:
     return Propulsion(ROTORS, battery, rng=np.random.default_rng(3), begin_s=0.0)
-
-
-def test_a_supply_holds_its_voltage_whatever_is_drawn() -> None:
-    battery = Battery(BatteryTruth(volts=4.0))
-    battery.load(power_w=100.0, for_s=3600.0)
-    assert battery.volts == 4.0
-    assert battery.charge == 1.0
 
 
 def test_a_full_cell_without_load_shows_what_a_full_cell_shows() -> None:
@@ -72,19 +63,6 @@ def test_a_table_of_a_cell_that_cannot_be_is_told() -> None:
 # Rotors that the battery feeds
 
 
-def test_half_the_voltage_does_to_a_rotor_what_half_the_command_does() -> None:
-    half = ROTORS.steady_rad_per_s(np.array(40000.0), volts=ROTORS.nominal_v / 2)
-    assert half == ROTORS.steady_rad_per_s(np.array(20000.0), volts=ROTORS.nominal_v)
-
-
-def test_at_nominal_voltage_a_command_means_what_it_says() -> None:
-    rotors, same = (SimulatedRotors(ROTORS, np.random.default_rng(3)) for _ in range(2))
-    time_s, command = np.arange(100) / 7000, np.full(4, 40000.0)
-    np.testing.assert_array_equal(
-        rotors.advance(time_s, command), same.advance(time_s, command, volts=ROTORS.nominal_v)
-    )
-
-
 def test_speed_falls_as_the_battery_sags() -> None:
     propulsion = _propulsion(LIPO)
     rested_v = propulsion.battery.volts
@@ -113,6 +91,7 @@ def test_how_often_the_vehicle_looks_changes_nothing() -> None:
     assert after([]) == after([k / 1000 for k in range(13, 5000)])
 
 
+@settings(max_examples=25)
 @given(
     commands=st.lists(st.tuples(*[st.integers(0, 65535)] * 4), min_size=1, max_size=5),
     cuts=st.lists(st.integers(1, 699), max_size=5),
@@ -136,19 +115,10 @@ def test_the_load_cell_feels_each_command_from_its_very_moment_on(commands: list
     np.testing.assert_allclose(seen, expected, atol=1e-9)
 
 
-def test_rotors_that_were_commanded_long_ago_have_their_speed_when_the_load_cell_is_read() -> None:
+def test_commands_that_no_load_cell_saw_are_caught_up_with() -> None:
     propulsion = _propulsion()
-    propulsion.command(FULL_SPEED, 1.0)
-    propulsion.advance(9.0)
-    lift_n = propulsion.wrench_at(9.0 + np.arange(700) / 7000)[:, 2].mean()
-    speed = float(ROTORS.steady_rad_per_s(np.array(60000.0), volts=ROTORS.nominal_v))
-    assert lift_n == pytest.approx(4 * ROTORS.thrust_ns2_per_rad2 * speed**2, rel=0.01)
-
-
-def test_a_minute_of_commands_that_no_load_cell_saw_is_soon_caught_up_with() -> None:
-    propulsion = _propulsion()
-    for place in range(30_000):
+    for place in range(5000):
         command = round(30000 + 20000 * math.cos(place / 10))
         propulsion.command((command,) * 4, place / 500)
-    propulsion.wrench_at(np.array([60.0]))
-    np.testing.assert_allclose(propulsion._rotors.speed_rad_per_s, propulsion.speed_rad_per_s(60.0), rtol=1e-6)
+    propulsion.wrench_at(np.array([10.0]))
+    np.testing.assert_allclose(propulsion._rotors.speed_rad_per_s, propulsion.speed_rad_per_s(10.0), rtol=1e-6)

@@ -7,11 +7,10 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from cfid.sim.battery import BatteryTruth
 from cfid.sim.crazyflie import CrazyflieTruth
 from cfid.sim.faults import CrazyflieFaults
 from cfid.sim.link import RadioTruth
-from cfid.sim.propulsion import STILL
+from cfid.sim.propulsion import STILL, BatteryTruth
 from cfid.wire.app import ALL_MOTORS_THRUST, AppPorts, PingChannel, ThrustChannel, ThrustRequest, encode_thrust
 from cfid.wire.crtp import encode_echo
 from tests.sim.vehicle import CLIENT, OPENED_S, OTHER_CLIENT, Bench, rows_of
@@ -37,12 +36,6 @@ def _echo(bench: Bench) -> bool:
 # The link
 
 
-def test_without_faults_every_packet_is_answered() -> None:
-    bench = Bench()
-    assert all(_echo(bench) for _ in range(100))
-    assert vars(bench.faulty.mishaps) == {"dropped": 0, "dropped_to_vehicle": 0, "silenced": 0, "refused": 0}
-
-
 def test_dropped_packets_are_missing_in_either_direction() -> None:
     bench = Bench(faults=CrazyflieFaults(drop_every=10))
     assert [_echo(bench) for _ in range(100)].count(False) == bench.faulty.mishaps.dropped == 10
@@ -63,17 +56,6 @@ def test_a_silent_link_passes_nothing_either_way(for_s: float | None, heard: lis
     rows = rows_of(bench.wait(0.1), "H")
     assert bool(rows) == heard[-1]
     assert bench.faulty.mishaps.silenced > 30
-
-
-def test_a_silent_link_stops_motors_of_the_app_and_none_of_motor_power_set() -> None:
-    bench = Bench(faults=CrazyflieFaults(silent_after_s=1.0))
-    _run_app(bench, for_s=3.0)
-    assert [motors for _, motors in bench.changes] == [RUNNING, STILL]
-    assert bench.changes[1][0] == pytest.approx(1.4, abs=0.11)
-    bench = Bench(faults=CrazyflieFaults(silent_after_s=1.0))
-    bench.drive(RUNNING)
-    bench.wait(10.0)
-    assert bench.motors == RUNNING
 
 
 def test_a_closed_port_leaves_the_vehicle_going_on() -> None:
@@ -111,16 +93,6 @@ def test_what_stops_a_flight_stops_the_apps_motors_then_and_for_good(faults: Cra
     assert 0.5 <= bench.changes[1][0] <= 0.5 + within_s
 
 
-def test_a_vehicle_that_tumbled_or_took_an_emergency_stop_says_so() -> None:
-    for faults, bits in ((TUMBLE, 0x2A4), (EMERGENCY, 0x244)):
-        bench = Bench(faults=faults)
-        assert bench.ask(9, 0, b"\x0c") == b"\x8c\x0e\2"
-        _run_app(bench, for_s=1.0)
-        assert bench.ask(9, 0, b"\x0c") == b"\x8c" + struct.pack("<H", bits)
-        assert bench.ask(9, 1, b"\1\1") == b"\x81\0\0"
-        assert bench.ask(9, 1, b"\2") == b"\x82" + bytes([faults is not TUMBLE] * 2)
-
-
 def test_a_battery_that_falls_shows_2_9_volts_and_slower_rotors() -> None:
     bench = Bench(CrazyflieTruth(rpm_deck=True), faults=CrazyflieFaults(low_battery_after_s=1.0))
     bench.drive((40000, 0, 0, 0))
@@ -144,10 +116,6 @@ def test_a_restarted_vehicle_is_deaf_for_a_second_and_starts_from_nothing() -> N
     assert bench.wait(1.0) == []
     stamp = struct.unpack("<Q", bench.ask(PORTS.ping, PingChannel.PING, b"a")[1:])[0]
     assert stamp == pytest.approx((bench.now_s - 1.0) * 1e6, abs=2)
-
-
-def test_an_old_vehicle_speaks_protocol_3() -> None:
-    assert Bench(faults=CrazyflieFaults(protocol=3)).ask(13, 1, b"\0") == b"\0\3\0\0\0"
 
 
 def test_faults_can_come_and_go_while_it_runs() -> None:
@@ -180,14 +148,6 @@ def test_answers_come_as_late_as_the_radio_says_and_pings_are_remembered() -> No
     assert [ping.round_trip_s for ping in pings] == pytest.approx(late_s)
     assert np.mean(late_s) == pytest.approx(0.04, rel=0.03)
     assert min(late_s) > 0.03
-
-
-def test_what_the_radio_loses_is_counted_and_no_ping() -> None:
-    bench = Bench(radio=RadioTruth(latency_s=0.0, jitter_s=0.0, loss=0.2))
-    answered = [_echo(bench) for _ in range(1000)].count(True)
-    radio = bench.faulty.radio
-    assert answered == len(radio.pings) == 1000 - radio.to_vehicle.lost - radio.from_vehicle.lost
-    assert answered == pytest.approx(640, abs=50)
 
 
 @settings(max_examples=50)

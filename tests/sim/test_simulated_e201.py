@@ -91,9 +91,3 @@ def test_continuous_output_comes_a_thousand_times_a_second_until_stopped() -> No
     assert sum(len(device.due(i / 300)) for i in range(1, 301)) == pytest.approx(1000, abs=2)
     assert device.received(b"0", 1.0) == []
     assert device.due(2.0) == []
-
-
-def test_several_commands_at_once_are_answered_in_order() -> None:
-    replies = [reply for _, reply in _device().received(b"v\r\n?b", 0.0)]
-    assert names_e201(replies[0])
-    assert replies[2] == b"22\r"

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from cfid.records.rig_file import thesis_rig
-from cfid.sim.imu import Hanging, Imu, ImuTruth, Turning, turned
-from cfid.sim.rig import draw_truth, hanging
-from cfid.sim.truth_file import INERTIA_KG_M2
+from cfid.sim.imu import Hanging, Imu, ImuTruth, Turning
+from cfid.sim.swing import draw_truth, hanging
+from cfid.sim.truth import INERTIA_KG_M2
 
 EXACT = ImuTruth(gyro_noise_dps=0, gyro_bias_dps=(0, 0, 0), acc_noise_g=0, acc_bias_g=(0, 0, 0))
 HANGING = Hanging(
@@ -63,8 +63,12 @@ def test_rates_beyond_the_range_stay_at_its_end() -> None:
     assert fast.gyro_dps[0] == pytest.approx(2000, abs=2 * STEP_DPS)
 
 
-def test_a_turn_by_a_rotation_vector_is_that_of_a_right_hand() -> None:
-    assert turned(np.array([1.0, 0, 0]), np.array([0, 0, math.pi / 2])) == pytest.approx([0, 1, 0])
+def test_a_sensor_turned_in_the_body_shows_the_speed_along_its_own_axes() -> None:
+    turned = EXACT.model_copy(update={"misalignment_deg": (0.0, 0.0, 90.0)})
+
+    felt = imu(turned, lambda time_s: (0.0, 1.0, 0.0)).at(0.0)
+
+    assert felt.gyro_dps == pytest.approx((0, -math.degrees(1), 0), abs=2 * STEP_DPS)
 
 
 @pytest.mark.parametrize("mount", ["x", "z", "yz"])

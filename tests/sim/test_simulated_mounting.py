@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from cfid.records.rig_file import LoadCellMount, Rig, Tachometer, WindStand, load_rig, new_rig_text
-from cfid.sim.rotors import RotorTruth, SimulatedRotors
-from cfid.sim.truth_file import USUAL_TRUTH, SimTruth, as_mounted
+from cfid.sim.propulsion import RotorTruth, SimulatedRotors
+from cfid.sim.truth import USUAL_TRUTH, SimTruth, as_mounted
 
 STEADY = RotorTruth(unbalance=(0.0,) * 6, blade_pass=(0.0,) * 6)
 

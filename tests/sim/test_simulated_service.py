@@ -15,7 +15,7 @@ from twisted.internet.posixbase import PosixReactorBase
 from cfid.errors import ConfigError
 from cfid.records.rig_file import LineValue, LoadCellLines, thesis_rig
 from cfid.sim.service import SimulatedRig
-from cfid.sim.truth_file import USUAL_TRUTH, SimTruth, load_truth
+from cfid.sim.truth import USUAL_TRUTH, SimTruth, load_truth
 from cfid.wire.e201 import PositionReader
 from cfid.wire.rdt import Command, Request, decode_records, encode_request
 from cfid.wire.rls import decode_words

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from cfid.sim.battery import BatteryTruth
 from cfid.sim.loadcell import SATURATED, LoadCellTruth
-from cfid.sim.rotors import RotorTruth
+from cfid.sim.propulsion import BatteryTruth, RotorTruth
 from cfid.sim.stand import StandRecord, Steps, simulate_stand, staircase_steps
 
 SMOOTH = RotorTruth(unbalance=(0.0,) * 6, blade_pass=(0.0,) * 6)

@@ -90,16 +90,6 @@ def test_on_stock_firmware_an_old_setpoint_locks_the_vehicle_as_soon_as_motors_r
     assert bench.motors == RUNNING
 
 
-def test_a_client_that_says_that_no_more_setpoints_come_leaves_no_old_one() -> None:
-    bench = Bench(CrazyflieTruth(firmware="stock"))
-    bench.say(7, 0, b"\0")
-    bench.say(7, 1, b"\0" + bytes(4))
-    bench.wait(10.0)
-    bench.drive(RUNNING)
-    bench.wait(5.0)
-    assert word(bench) == 0x21E
-
-
 # Limits
 
 

@@ -56,12 +56,6 @@ def test_a_free_swing_has_the_period_of_the_elliptic_integral(undamped: Motion) 
         assert (upward_s[-1] - upward_s[0]) / (upward_s.size - 1) == pytest.approx(period_s, rel=1e-9)
 
 
-def test_a_free_swing_starts_where_the_hand_held_it(undamped: Motion) -> None:
-    begin = _free_from(undamped, _quick_hand(1))
-    amplitude_deg = np.degrees(np.arccos(1 - _energy(undamped)[begin]))
-    assert amplitude_deg == pytest.approx(DEGREES, abs=0.4)
-
-
 def test_a_free_swing_without_damping_keeps_its_energy(undamped: Motion) -> None:
     energy = _energy(undamped)[_free_from(undamped, _quick_hand(1)) :]
     assert np.ptp(energy, axis=0) / energy[0] == pytest.approx(0, abs=1e-9)
@@ -143,20 +137,6 @@ def test_a_braked_swing_follows_an_adaptive_solver_that_stops_at_every_reversal(
         assert np.all(motion.speed_rad_per_s[moving.nonzero()[0][-1] + 1 :] == 0)
 
 
-def test_dry_friction_moves_no_zero_crossing_by_more_than_a_billionth() -> None:
-    pendulum = replace(CRAZYFLIE, viscous_nms_per_rad=1e-5, coulomb_nm=4e-5, quadratic_nms2_per_rad2=2e-8)
-    release = _quick_hand(math.radians(60))
-    motion = swing([pendulum], [release], duration_s=7.5, store_every=1)
-    begin = _free_from(motion, release)
-    expected_rad, _ = _reference(pendulum, motion, begin)
-    crossings_s = _zero_crossings(motion, 0, begin)[:30]  # fifteen periods
-    moving = np.isfinite(expected_rad)
-    reference = CubicHermiteSpline(motion.time_s[moving], expected_rad[moving], motion.speed_rad_per_s[moving, 0])
-    expected_s = reference.roots(extrapolate=False)[: crossings_s.size]
-    assert crossings_s.size > 20
-    assert crossings_s == pytest.approx(expected_s, rel=1e-9)
-
-
 @pytest.mark.parametrize("step_s", [5e-4, 1e-3, 2e-3])
 def test_dry_friction_brings_a_swing_to_rest_off_its_rest_and_there_it_stays(step_s: float) -> None:
     pendulum = replace(CRAZYFLIE, coulomb_nm=3e-4, rest_rad=-0.1)
@@ -189,24 +169,6 @@ def test_a_hand_trembles_about_the_angle_it_holds() -> None:
     held_rad = motion.angle_rad[held, 0]
     assert held_rad.mean() == pytest.approx(-0.8, abs=0.005)
     assert np.ptp(held_rad) / 2 == pytest.approx(0.004, rel=0.2)
-
-
-def test_pendulums_swung_at_once_do_not_feel_each_other() -> None:
-    pendulums = [replace(CRAZYFLIE, coulomb_nm=coulomb_nm, viscous_nms_per_rad=1e-5) for coulomb_nm in (0, 3e-5, 2e-4)]
-    releases = [replace(_quick_hand(angle), wait_s=angle / 4) for angle in (0.3, 0.6, 1.2)]
-    together = swing(pendulums, releases, duration_s=2.0, step_s=1e-3)
-    for column, (pendulum, release) in enumerate(zip(pendulums, releases, strict=True)):
-        alone = swing([pendulum], [release], duration_s=2.0, step_s=1e-3)
-        assert together.angle_rad[:, column] == pytest.approx(alone.angle_rad[:, 0], abs=1e-10)
-
-
-def test_what_is_kept_are_steps_of_the_same_motion() -> None:
-    release = _quick_hand(0.9)
-    every = swing([CRAZYFLIE], [release], duration_s=1.5, step_s=1e-3, store_every=1)
-    some = swing([CRAZYFLIE], [release], duration_s=1.5, step_s=1e-3, store_every=5)
-    assert some.time_s == pytest.approx(every.time_s[::5], abs=1e-12)
-    assert np.array_equal(some.angle_rad, every.angle_rad[::5])
-    assert np.array_equal(some.speed_rad_per_s, every.speed_rad_per_s[::5])
 
 
 def test_a_hand_without_time_to_let_go_is_refused() -> None:

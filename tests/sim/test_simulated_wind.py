@@ -1,22 +1,13 @@
 """A steady wind on the simulated vehicle: its forces on rotors and body."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from cfid.errors import ConfigError
-from cfid.sim.rotors import RotorTruth, SimulatedRotors
-from cfid.sim.truth_file import load_truth
-from cfid.sim.wind import WindTruth
+from cfid.sim.propulsion import RotorTruth, SimulatedRotors, WindTruth
 
 WIND = WindTruth(speed_mps=3.0, angle_deg=48.4)
-
-
-def test_still_air_does_nothing() -> None:
-    assert not WindTruth().drag_ns_per_rad.any()
-    assert not WindTruth().body_n.any()
 
 
 def test_wind_from_above_presses_on_turning_rotors_along_z_alone() -> None:
@@ -48,13 +39,3 @@ def test_rotors_feel_the_wind_by_the_sum_of_their_speeds_and_only_while_they_tur
         more = [rotors.advance(time_s + 3 * (not standing), commands * (not standing)) for rotors in (calm, windy)]
         felt = (more[1] - more[0])[-1]
         assert felt == pytest.approx(np.append(calm.speed_rad_per_s.sum() * WIND.drag_ns_per_rad, np.zeros(3)))
-
-
-def test_a_truth_file_may_say_the_wind(tmp_path: Path) -> None:
-    file = tmp_path / "wind.toml"
-    file.write_text("[wind]\nspeed_mps = 2.9\nangle_deg = 48.4\n")
-    assert load_truth(file).wind.speed_mps == 2.9
-
-    file.write_text("[wind]\nspeed = 2.9\n")
-    with pytest.raises(ConfigError, match="wind"):
-        load_truth(file)

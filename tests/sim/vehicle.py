@@ -7,13 +7,11 @@ from typing import Any
 import numpy as np
 
 from cfid.sim.app_core import PING, THRUST, App, Orders, Seen, Sent
-from cfid.sim.battery import BatteryTruth
 from cfid.sim.crazyflie import USUAL_PORTS, Crazyflie, CrazyflieTruth
 from cfid.sim.crazyflie_services import parameters
 from cfid.sim.faults import SOUND_CRAZYFLIE, CrazyflieFaults, FaultyCrazyflie
 from cfid.sim.link import Radio, RadioTruth
-from cfid.sim.propulsion import STILL, Four, Propulsion
-from cfid.sim.rotors import BRUSHLESS, RotorTruth
+from cfid.sim.propulsion import BRUSHLESS, STILL, BatteryTruth, Four, Propulsion, RotorTruth
 from cfid.wire.app import AppPorts, PingChannel, ThrustChannel
 from cfid.wire.crtp import Packet, encode_packet
 

@@ -15,8 +15,8 @@ import pytest
 
 from cfid.records.rig_file import load_rig, new_rig_text
 from cfid.sim.plants import Pendulum
-from cfid.sim.rig import draw_truth, pendulum
-from cfid.sim.truth_file import INERTIA_KG_M2, USUAL_TRUTH
+from cfid.sim.swing import draw_truth, pendulum
+from cfid.sim.truth import INERTIA_KG_M2, USUAL_TRUTH
 from tests.campaigns import RECORDINGS_SEED, sentences
 from tests.kept import sections_at
 

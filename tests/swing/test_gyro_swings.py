@@ -11,9 +11,8 @@ import pytest
 from cfid.errors import DataError
 from cfid.recordings.gyro import about_one_axis, integrated
 from cfid.sim.imu import ImuTruth
-from cfid.sim.plants import Motion, Pendulum, swing
-from cfid.sim.rig import draw_release
-from cfid.sim.threads import TwoThreads, twist
+from cfid.sim.plants import Motion, Pendulum, TwoThreads, swing
+from cfid.sim.swing import draw_release
 from cfid.swing.collocation import NO_THREADS, Threads
 from cfid.swing.estimation import SwingFit, fit_swing
 from cfid.swing.free_swing import find_swing
@@ -182,7 +181,7 @@ def twisted(degrees: float, count: int, *, seed: int) -> tuple[Motion, Array, li
 
 def let_go(bodies: list[TwoThreads], degrees: float, rng: np.random.Generator) -> tuple[Motion, Array, list[Threads]]:
     releases = [draw_release(rng, angle_deg=(degrees, degrees)) for _ in bodies]
-    motion = twist(bodies, releases, duration_s=14.0, step_s=2 * STEP_S, store_every=1)
+    motion = swing(bodies, releases, duration_s=14.0, step_s=2 * STEP_S, store_every=1)
     truth = [of_threads(body) for body in bodies]
     return motion, np.array([w for w, _ in truth]), [threads for _, threads in truth]
 

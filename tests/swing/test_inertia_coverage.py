@@ -10,7 +10,7 @@ from cfid.inertia.estimation import InertiaFit, fit_inertia
 from cfid.records.rig_file import Rig, load_rig, new_rig_text
 from cfid.sim.encoder import EncoderModel, record
 from cfid.sim.plants import swing
-from cfid.sim.rig import TrueFriction, Truth, draw_release, draw_truth, pendulum
+from cfid.sim.swing import TrueFriction, Truth, draw_release, draw_truth, pendulum
 from cfid.swing.axis_inertias import AxisInertias, MountedSwing, Surroundings, SwungBody
 from cfid.swing.estimation import fit_swing
 from cfid.swing.free_swing import find_swing

@@ -10,7 +10,7 @@ import pytest
 
 from cfid.sim.encoder import EncoderModel, record
 from cfid.sim.plants import Motion, Pendulum, swing
-from cfid.sim.rig import draw_release
+from cfid.sim.swing import draw_release
 from cfid.swing.estimation import fit_swing
 from cfid.swing.free_swing import find_swing
 from cfid.wire.rls import decode_words

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cfid.errors import DataError, FitError
-from cfid.sim.rotors import RotorTruth
+from cfid.sim.propulsion import RotorTruth
 from cfid.sim.sine_bench import Bench, simulate_sines
 from cfid.transfer.frequency_response import Response, respond
 from cfid.transfer.model import EQ_3_15

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cfid.errors import FitError
-from cfid.sim.rotors import RotorTruth
+from cfid.sim.propulsion import RotorTruth
 from cfid.sim.sine_bench import Bench, LinearTruth, simulate_sines
 from cfid.transfer.estimation import MeasuredSeries, TransferFit, fit_transfer, measure
 from cfid.transfer.frequency_response import respond
