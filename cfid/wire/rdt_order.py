@@ -10,7 +10,7 @@ from cfid.wire.rdt import LONGEST_BUFFER, RECORD, Records
 
 _WRAP = 1 << 32
 _HALF = 1 << 31
-_REMEMBERED = 1 << 14  # missing records; an older one that arrives after all counts as a duplicate
+_REMEMBERED = 1 << 12  # missing records; an older one that arrives after all counts as a duplicate
 
 
 @dataclass
@@ -68,7 +68,7 @@ class _Stream:
         is_late = np.isin(number, self.missing)
         arrivals.late += int(is_late.sum())
         arrivals.duplicates += len(records) - int((is_new | is_late).sum())
-        self.missing = np.setdiff1d(self.missing, number[is_late])
+        self.missing = self.missing[~np.isin(self.missing, number)]
         number, arrived = number[is_new], arrived[is_new]
         if not len(number):
             return records[:0]
@@ -76,8 +76,8 @@ class _Stream:
         arrivals.reordered += int(np.sum(as_they_came < np.maximum.accumulate(as_they_came)))
         end = int(number[-1]) + 1
         arrivals.lost += end - self.next - len(number)
-        missing = np.setdiff1d(np.arange(max(self.next, end - _REMEMBERED), end), number)
-        self.missing = np.concatenate((self.missing, missing))[-_REMEMBERED:]
+        due = np.arange(max(self.next, end - _REMEMBERED), end)
+        self.missing = np.concatenate((self.missing, due[~np.isin(due, number)]))[-_REMEMBERED:]
         self.next = end
         return records[arrived]
 

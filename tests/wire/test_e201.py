@@ -165,8 +165,11 @@ def test_endless_input_without_an_end_is_one_rejected_reply_and_not_remembered()
 
 
 @pytest.mark.parametrize("form", FORMS.values(), ids=FORMS.keys())
-def test_no_flipped_bit_of_a_reply_is_taken_for_another_position_thanks_to_the_words_check(form: bytes) -> None:
-    for position in range(0, STEPS_PER_TURN, 97):
+@pytest.mark.parametrize("every", [97, pytest.param(1, marks=pytest.mark.slow)])
+def test_no_flipped_bit_of_a_reply_is_taken_for_another_position_thanks_to_the_words_check(
+    form: bytes, every: int
+) -> None:
+    for position in range(0, STEPS_PER_TURN, every):
         for damaged in flipped(form % WORDS[position]):
             reader = PositionReader(word_bits=22)
             assert len(reader.feed(form % 512 + form % 1024)) == 2
