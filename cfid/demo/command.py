@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cfid.console.messages import echo, result
-from cfid.counted import counted
 
 if TYPE_CHECKING:
+    from cfid.demo.fits import Commands
     from cfid.records.campaign import Campaign
 
 
@@ -34,14 +34,16 @@ def demo(
 
     Example: [bold]cfid demo my-demo --seed 7[/bold]
     """
-    from cfid.demo.fits import FITS, FITS_OVER_WIRES, HANDED_ON, print_comparison, run_all
+    from cfid.demo.fits import HANDED_ON, Commands, print_comparison
 
     _check(folder, truth)
     campaign = _new_campaign(folder, seed)
     try:
-        known = (_record_over_wires if wire else _record)(campaign, truth, seed)
-        run_all(campaign, FITS_OVER_WIRES if wire else FITS, figures=figures)
-        run_all(campaign, ("report",) if wire else HANDED_ON, figures=figures)
+        with Commands(campaign, figures=figures) as commands:
+            known = (_record_over_wires if wire else _record)(campaign, commands, truth, seed)
+            commands.finish()
+            commands.start(("report",) if wire else HANDED_ON)
+            commands.finish()
         print_comparison(campaign, known)
         result(f"the campaign is {folder}: open {folder / 'report.html'}; `cfid parameters` there lists what is known.")
     except KeyboardInterrupt:
@@ -49,25 +51,32 @@ def demo(
         raise
 
 
-def _record(campaign: "Campaign", truth: Path | None, seed: int) -> dict[str, float]:
-    """Simulate all recordings as fast as possible; return the true values by parameter name."""
-    from cfid.demo.recordings import write_runs
-    from cfid.sim.demo import demo_truth, simulate_demo
+def _record(campaign: "Campaign", commands: "Commands", truth: Path | None, seed: int) -> dict[str, float]:
+    """Make all recordings in virtual time, fit each experiment once it is recorded, and return the true values."""
+    from cfid.demo.recordings import Laboratory, experiments
+    from cfid.demo.truth import demo_truth, true_values
     from cfid.sim.truth import load_truth
 
-    echo(f"recording on the simulated rig (seed {seed}) ...", err=True)
-    known, runs = simulate_demo(campaign.rig, demo_truth(seed) if truth is None else load_truth(truth), seed=seed)
-    folders = write_runs(campaign, runs)
-    echo(f"{counted(len(folders), 'run')} recorded; fitting ...", err=True)
-    return known
+    drawn = demo_truth(seed) if truth is None else load_truth(truth)
+    laboratory, plan = Laboratory(campaign, drawn, seed=seed), experiments(drawn, seed=seed)
+    count = sum(len(recordings) for recordings, _ in plan)
+    echo(f"recording on the simulated rig (seed {seed}), and fitting meanwhile ...", err=True)
+    for recordings, fits in plan:
+        for recording in recordings:
+            laboratory.make(recording)
+            echo(f"{laboratory.made} of {count} recorded: cfid {recording.words}", err=True)
+        commands.start(fits)
+    return true_values(drawn, campaign.rig, seed=seed)
 
 
-def _record_over_wires(campaign: "Campaign", truth: Path | None, seed: int) -> dict[str, float]:
+def _record_over_wires(campaign: "Campaign", commands: "Commands", truth: Path | None, seed: int) -> dict[str, float]:
+    from cfid.demo.fits import FITS_OVER_WIRES
+    from cfid.demo.truth import true_motors
     from cfid.demo.wire import record_over_wires
-    from cfid.sim.demo import true_motors
     from cfid.sim.truth import USUAL_TRUTH, load_truth
 
     record_over_wires(campaign, truth=truth, seed=seed)
+    commands.start(FITS_OVER_WIRES)
     known = true_motors(USUAL_TRUTH if truth is None else load_truth(truth))
     # This computer adds an unknown delay, which is larger than that of the simulated radio.
     return {name: value for name, value in known.items() if name not in ("tf.delay_s", "latency.rtt_mean_s")}

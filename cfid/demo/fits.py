@@ -4,7 +4,7 @@ import math
 import subprocess
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from functools import partial
+from typing import Self
 
 from rich.console import Console
 from rich.table import Table
@@ -20,20 +20,6 @@ from cfid.units import COVERAGE_95
 
 _AT_ONCE = 2  # fits at a time: one for each processor of a small computer
 
-# The longest fit is first, so that no processor waits for it at the end.
-FITS = (
-    "fit inertia",
-    "fit rotor {thrust[1]}",
-    "fit dynamics {thrust[1]}",
-    "tf identify",
-    "fit drag",
-    "fit friction",
-    "fit thrust {thrust[0]} {speed[0]}",
-    "fit testbody",
-    "fit torque {thrust[0]}",
-    "fit speed {speed[0]}",
-    "tf latency {ping[0]}",
-)
 FITS_OVER_WIRES = (
     "fit swing {swing[0]}",
     "fit thrust {thrust[0]}",
@@ -44,28 +30,36 @@ FITS_OVER_WIRES = (
 HANDED_ON = ("export firmware", "export crazyflow", "export mujoco", "report")
 
 
-def run_all(campaign: Campaign, commands: Sequence[str], *, figures: bool) -> None:
-    """Run commands of cfid, two at a time, and print their output in order; run names replace names of kinds.
+class Commands:
+    """Commands of cfid in processes of their own, two at a time; as a context manager, it ends those that still run."""
 
-    Raises FitError, which names the command that failed.
-    """
-    names, processes = runs_by_kind(campaign), _Processes(campaign, figures=figures)
-    with ThreadPoolExecutor(_AT_ONCE) as pool:
-        running = [(words, pool.submit(processes.run, words)) for words in (each.format(**names) for each in commands)]
+    def __init__(self, campaign: Campaign, *, figures: bool) -> None:
+        """Take the campaign that the commands are run in."""
+        self._campaign = campaign
+        self._processes = _Processes(campaign, figures=figures)
+        self._pool = ThreadPoolExecutor(_AT_ONCE)
+        self._running: list[tuple[str, Future[tuple[int, str, str]]]] = []
+
+    def start(self, commands: Sequence[str]) -> None:
+        """Begin commands as soon as there is room; run names replace names of kinds."""
+        names = runs_by_kind(self._campaign)
+        for words in (command.format(**names) for command in commands):
+            self._running.append((words, self._pool.submit(self._processes.run, words)))
+
+    def finish(self) -> None:
+        """Wait for all, and print their output in order. Raises FitError, which names the command that failed."""
+        running, self._running = self._running, []
         for words, output in running:
-            output.add_done_callback(partial(_tell_done, words, [one for _, one in running]))
-        try:
-            for words, output in running:
-                _print_output(words, *output.result())
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            processes.end()
-            raise
+            _print_output(words, *output.result())
 
+    def __enter__(self) -> Self:
+        """Return the commands."""
+        return self
 
-def _tell_done(words: str, every: Sequence["Future[tuple[int, str, str]]"], _: object) -> None:
-    done = sum(one.done() for one in every)
-    echo(f"{done} of {len(every)} done: cfid {words}", err=True)
+    def __exit__(self, *_: object) -> None:
+        """End those that still run."""
+        self._pool.shutdown(wait=False, cancel_futures=True)
+        self._processes.end()
 
 
 class _Processes:

@@ -5,7 +5,7 @@ import io
 import math
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any
@@ -21,6 +21,7 @@ from cfid.sim.propulsion import RotorTruth
 from cfid.sim.truth import SimTruth
 from cfid.sim.virtual import Virtual
 
+_INTERRUPTED = 130  # exit code of Ctrl-C
 _PAUSE_S = 20.0  # of an operator between two recordings
 _LASTS_S = 3000.0  # more than all recordings and pauses
 _HOLD_S, _REST_S = 2.5, 1.0
@@ -79,6 +80,21 @@ def winds(truth: SimTruth, *, seed: int) -> tuple[Recording, ...]:
     return tuple(recordings)
 
 
+def experiments(truth: SimTruth, *, seed: int) -> tuple[tuple[Sequence[Recording], Sequence[str]], ...]:
+    """Return the recordings of each experiment, and its fits; names of kinds stand for those of the runs."""
+    thrust, quick, speed, sine, ping = MOTORS
+    return (
+        (SWINGS[:6], ("fit inertia",)),
+        ((thrust, quick), ("fit rotor {thrust[1]}", "fit dynamics {thrust[1]}", "fit torque {thrust[0]}")),
+        ((sine,), ("tf identify",)),
+        (winds(truth, seed=seed), ("fit drag",)),
+        ((speed,), ("fit speed {speed[0]}", "fit thrust {thrust[0]} {speed[0]}")),
+        (DROPS, ("fit friction",)),
+        (SWINGS[6:], ("fit testbody",)),
+        ((ping,), ("tf latency {ping[0]}",)),
+    )
+
+
 class Laboratory:
     """Where the demo's recordings are made, one after the other; the last ends before now."""
 
@@ -86,22 +102,24 @@ class Laboratory:
         """Take the campaign to record into, and the truth of its rig."""
         self._campaign, self._truth, self._seed = campaign, truth, seed
         self._unix_s = datetime.now(UTC).timestamp() - _LASTS_S
-        self._made = 0
+        self.made = 0
 
     def make(self, recording: Recording) -> None:
         """Make a recording. Raises DeviceError, which names the command that failed."""
-        self._made += 1
+        self.made += 1
         hardware = Virtual(lambda seconds: self._rig(recording, seconds), unix_s=self._unix_s)
         said = io.StringIO()
         with (
             in_place(hardware),
             contextlib.redirect_stdout(said),
             contextlib.redirect_stderr(said),
-            _operator(hardware, self._truth.rotors, np.random.default_rng([self._seed, self._made]), recording),
+            _operator(hardware, self._truth.rotors, np.random.default_rng([self._seed, self.made]), recording),
         ):
             try:
                 main([*recording.words.split(), "--campaign", str(self._campaign.folder)])
             except SystemExit as ended:
+                if ended.code == _INTERRUPTED:
+                    raise KeyboardInterrupt from None
                 if ended.code:
                     raise DeviceError(f"cfid {recording.words} failed: {said.getvalue().strip()}") from None
         self._unix_s = hardware.unix_s() + _PAUSE_S
@@ -117,7 +135,7 @@ class Laboratory:
             rig if recording.mounted else rig.model_copy(update={"mounts": {}}),
             seconds=seconds,
             seed=self._seed,
-            power_on=self._made,
+            power_on=self.made,
             truth=truth,
             **recording.mounted,
         )
@@ -159,8 +177,3 @@ def _shown_rpm(command: int, volts: float, rotors: RotorTruth, rng: np.random.Ge
     speed = float(rotors.steady_rad_per_s(np.array([command], np.float64), volts=volts)[0])
     gain = (1 + rotors.tachometer_gain) * (1 + rotors.tachometer_std * float(rng.standard_normal()))
     return rotors.markers * speed * 60 / math.tau * gain
-
-
-def all_of(truth: SimTruth, *, seed: int) -> tuple[Recording, ...]:
-    """Return all recordings in their order."""
-    return (*SWINGS, *DROPS, *MOTORS, *winds(truth, seed=seed))

@@ -36,6 +36,8 @@ from cfid.sim.stepping import Array
 from cfid.sim.swing import (
     DROPS,
     Axis,
+    Truth,
+    draw_testbody,
     dropping,
     hanging,
     pendulum,
@@ -43,7 +45,7 @@ from cfid.sim.swing import (
     swinging,
     two_threads,
 )
-from cfid.sim.truth import USUAL_TRUTH, AxisTruth, SimTruth, Truth, as_mounted, draw_testbody, draw_vehicle
+from cfid.sim.truth import USUAL_TRUTH, AxisTruth, SimTruth, as_mounted, draw_vehicle
 from cfid.units import MM
 from cfid.wire.app import AppPorts
 
@@ -87,8 +89,9 @@ class SimulatedRig:
         """Draw the rig and integrate its axis' motion; the times of faults begin here, on the clock `seconds`."""
         truth = as_mounted(truth, rig)
         plant_rng, *streams = np.random.default_rng(seed).spawn(6)
-        vehicle = draw_vehicle(rig, truth, rng=plant_rng)
-        hung = drawn_testbody(rig, truth, vehicle, seed=seed) if body == "testbody" else vehicle
+        hung = draw_vehicle(rig, truth, rng=plant_rng)
+        if body == "testbody":
+            hung = drawn_testbody(rig, truth, hung, seed=seed)
         if power_on:
             plant_rng, *streams = np.random.default_rng([seed, power_on]).spawn(6)
         motor_rng, cell_rng, fault_rng, radio_rng, imu_rng = streams

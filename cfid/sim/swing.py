@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 
 from cfid.errors import ConfigError
 from cfid.records.rig_file import Cuboid, Mount, Rig
-from cfid.sim.encoder import EncoderModel, EncoderRecording, record
 from cfid.sim.imu import Hanging
 from cfid.sim.plants import DroppingWeight, HandRelease, Motion, Pendulum, TwoThreads, drop, swing
 from cfid.sim.stepping import Array
@@ -290,36 +289,6 @@ def draw_release(rng: np.random.Generator, *, angle_deg: tuple[float, float] = (
         tremor_hz=rng.uniform(8, 12),  # of a healthy hand
         tremor_phase_rad=rng.uniform(0, 2 * math.pi),
     )
-
-
-def record_swings(
-    truth: Truth,
-    mounts: Iterable[str],
-    *,
-    rng: np.random.Generator,
-    encoder: EncoderModel,
-    angle_deg: tuple[float, float] = (20, 70),
-    duration_s: float = 16.0,
-) -> dict[str, EncoderRecording]:
-    """Swing the body once in each of the named mounts and record it.
-
-    A body that is mounted again meets the encoder at any angle: every swing gets its own offset in place of the
-    encoder's.
-    """
-    names = tuple(mounts)
-    releases = [draw_release(rng, angle_deg=angle_deg) for _ in names]
-    pendulums = [pendulum(truth, name) for name in names]
-    motion = swing(pendulums, releases, duration_s=duration_s, step_s=2e-3, store_every=1)
-    return {
-        name: record(
-            motion.time_s,
-            motion.angle_rad[:, i],
-            speed_rad_per_s=motion.speed_rad_per_s[:, i],
-            encoder=replace(encoder, offset_rad=rng.uniform(0, 2 * math.pi)),
-            rng=rng,
-        )
-        for i, name in enumerate(names)
-    }
 
 
 class Axis:

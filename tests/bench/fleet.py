@@ -29,11 +29,11 @@ import numpy as np
 
 from cfid.cli.main import main as cfid
 from cfid.console.campaign import make_campaign
-from cfid.demo.recordings import write_runs
+from tests.offline.write import write_runs
 from cfid.fleet.refit import refit
 from cfid.records.campaign import open_campaign
 from cfid.records.parameters import plain
-from cfid.sim.demo_swings import record_chapter_2
+from tests.offline.swings import record_chapter_2
 from cfid.sim.truth import USUAL_TRUTH
 from tests.kept import sections_at
 

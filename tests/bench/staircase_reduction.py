@@ -17,7 +17,7 @@ from cfid.estimate.staircase import reduce_single
 from cfid.estimate.staircase_points import Point
 from cfid.sim.loadcell import LoadCellTruth
 from cfid.sim.propulsion import BatteryTruth, RotorTruth
-from cfid.sim.stand import simulate_stand, staircase_steps
+from tests.offline.stand import simulate_stand, staircase_steps
 
 FILES = int(os.environ.get("BENCH_FILES", "112"))
 COMMANDS = (4000, 12000, 20000, 28000, 36000, 44000, 52000, 60000)

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from cfid.sim.sine_bench import ARM_M, Bench, LinearTruth, SimulatedSine, simulate_sines
+from tests.offline.sine_bench import ARM_M, Bench, LinearTruth, SimulatedSine, simulate_sines
 from cfid.transfer.identification import identify_all
 from cfid.transfer.model import EQ_3_15
 from cfid.transfer.sines.alignment import RecordedSine, thrust_of

@@ -13,10 +13,10 @@ from scipy.stats import binomtest
 
 from cfid.console.campaign import make_campaign
 from cfid.demo.fits import FITS, compared, covers, runs_by_kind
-from cfid.demo.recordings import write_runs
+from tests.offline.write import write_runs
 from cfid.records.campaign import find_campaign
 from cfid.records.fits import Fit, list_fits
-from cfid.sim.demo import demo_truth, simulate_demo
+from cfid.demo.truth import demo_truth, simulate_demo
 from tests.campaigns import Cfid, in_this_process
 from tests.fleet.test_refit import numbers as found_numbers
 from tests.kept import sections_at

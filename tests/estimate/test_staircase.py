@@ -15,7 +15,7 @@ from cfid.estimate.staircase_points import Point, Staircase
 from cfid.motors.maps.thesis import reduce_thesis
 from cfid.sim.loadcell import SATURATED, LoadCellTruth
 from cfid.sim.propulsion import BatteryTruth, RotorTruth
-from cfid.sim.stand import StandRecord, simulate_stand, staircase_steps
+from tests.offline.stand import StandRecord, simulate_stand, staircase_steps
 
 Array = npt.NDArray[np.float64]
 

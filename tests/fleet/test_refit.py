@@ -43,7 +43,7 @@ def campaigns(once: Once, recordings: list[Any]) -> Path:
 
     def make(folder: Path) -> None:
         from cfid.console.campaign import make_campaign
-        from cfid.demo.recordings import write_runs
+        from tests.offline.write import write_runs
 
         first = folder / "c1"
         make_campaign(first)

@@ -13,7 +13,7 @@ from cfid.records.run import DeviceRecord, Label, Run
 from cfid.records.run_writer import create_run
 from cfid.sim.loadcell import LoadCellTruth
 from cfid.sim.propulsion import BatteryTruth, RotorTruth
-from cfid.sim.stand import StandRecord, simulate_stand, staircase_steps
+from tests.offline.stand import StandRecord, simulate_stand, staircase_steps
 
 Array = npt.NDArray[np.float64]
 

@@ -24,7 +24,7 @@ from cfid.motors.stand_points import points_of
 from cfid.motors.vibration.estimation import rotor_speed
 from cfid.sim.loadcell import LoadCellTruth
 from cfid.sim.propulsion import NOMINAL_V, BatteryTruth, RotorTruth
-from cfid.sim.stand import StandRecord, simulate_stand, staircase_steps
+from tests.offline.stand import StandRecord, simulate_stand, staircase_steps
 
 Array = npt.NDArray[np.float64]
 

@@ -29,7 +29,7 @@ from cfid.records.campaign import find_campaign
 from cfid.records.files import RIG_FILE
 from cfid.records.result import Result
 from cfid.records.rig_file import change_rig
-from cfid.sim.demo import DEMO_TRUTH
+from cfid.demo.truth import DEMO_TRUTH
 from cfid.sim.truth import SimTruth, as_mounted, draw, imperfection
 from cfid.units import COVERAGE_95
 from tests.nightly import experiments as on

@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 import cfid
-from cfid.demo.recordings import write_runs
+from tests.offline.write import write_runs
 from cfid.records.campaign import Campaign
 from cfid.records.result import Result
-from cfid.sim.demo import true_motors
-from cfid.sim.demo_motors import (
+from cfid.demo.truth import true_motors
+from tests.offline.motors import (
     FULL_RATE_HZ,
     MOTORS,
     PINGS,
@@ -22,11 +22,11 @@ from cfid.sim.demo_motors import (
     sine_runs,
     speed_run,
 )
-from cfid.sim.demo_runs import SimulatedRun
-from cfid.sim.demo_swings import drop_runs, swing_runs
-from cfid.sim.demo_wind import record_chapter_4
+from tests.offline.runs import SimulatedRun
+from tests.offline.swings import drop_runs, swing_runs
+from tests.offline.wind import record_chapter_4
 from cfid.sim.loadcell import LoadCellTruth
-from cfid.sim.stand import simulate_stand, staircase_steps
+from tests.offline.stand import simulate_stand, staircase_steps
 from cfid.sim.swing import pendulum
 from cfid.sim.truth import SimTruth, draw_vehicle
 

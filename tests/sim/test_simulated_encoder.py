@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cfid.sim.encoder import EncoderModel, record
+from tests.offline.encoder import EncoderModel, record
 from cfid.sim.plants import HandRelease, Pendulum, swing
 from cfid.wire.rls import decode_words
 

@@ -10,9 +10,10 @@ from scipy.signal import find_peaks
 
 from cfid.errors import ConfigError
 from cfid.records.rig_file import Rig, Site, thesis_rig
-from cfid.sim.encoder import EncoderModel
+from tests.offline.encoder import EncoderModel
 from cfid.sim.plants import HandRelease, swing
-from cfid.sim.swing import TrueFriction, Truth, draw_testbody, draw_truth, pendulum, record_swings
+from cfid.sim.swing import TrueFriction, Truth, draw_testbody, draw_truth, pendulum
+from tests.offline.encoder import record_swings
 from cfid.wire.rls import decode_words
 
 INERTIA_KG_M2 = np.array([[16.6, 0.8, 0.7], [0.8, 16.7, 1.8], [0.7, 1.8, 29.3]]) * 1e-6

@@ -5,7 +5,7 @@ import pytest
 
 from cfid.sim.loadcell import SATURATED, LoadCellTruth
 from cfid.sim.propulsion import BatteryTruth, RotorTruth
-from cfid.sim.stand import StandRecord, Steps, simulate_stand, staircase_steps
+from tests.offline.stand import StandRecord, Steps, simulate_stand, staircase_steps
 
 SMOOTH = RotorTruth(unbalance=(0.0,) * 6, blade_pass=(0.0,) * 6)
 SILENT = LoadCellTruth(noise_std=(0.0,) * 6)

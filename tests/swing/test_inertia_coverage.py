@@ -8,7 +8,7 @@ import pytest
 
 from cfid.inertia.estimation import InertiaFit, fit_inertia
 from cfid.records.rig_file import Rig, load_rig, new_rig_text
-from cfid.sim.encoder import EncoderModel, record
+from tests.offline.encoder import EncoderModel, record
 from cfid.sim.plants import swing
 from cfid.sim.swing import TrueFriction, Truth, draw_release, draw_truth, pendulum
 from cfid.swing.axis_inertias import AxisInertias, MountedSwing, Surroundings, SwungBody

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.sim.encoder import EncoderModel, record
+from tests.offline.encoder import EncoderModel, record
 from cfid.sim.plants import Motion, Pendulum, swing
 from cfid.sim.swing import draw_release
 from cfid.swing.estimation import fit_swing

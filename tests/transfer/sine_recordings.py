@@ -7,7 +7,7 @@ import numpy as np
 
 from cfid.sim.link import RadioTruth
 from cfid.sim.loadcell import LoadCellTruth
-from cfid.sim.sine_bench import ARM_M, Bench, LinearTruth, SimulatedSine, simulate_sines
+from tests.offline.sine_bench import ARM_M, Bench, LinearTruth, SimulatedSine, simulate_sines
 from cfid.transfer.model import EQ_3_15
 from cfid.transfer.sines.alignment import Channel, RecordedSine, thrust_of
 from cfid.transfer.sines.plan import SAMPLE_S, Sine

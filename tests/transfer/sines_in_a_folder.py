@@ -15,7 +15,7 @@ from cfid.records.rig_file import LoadCellMount, RigFacts
 from cfid.records.run import DeviceRecord, Label, Run
 from cfid.records.run_writer import create_run
 from cfid.sim.loadcell import LoadCellTruth
-from cfid.sim.sine_bench import ARM_M, Bench, LinearTruth, SimulatedSine, simulate_sines
+from tests.offline.sine_bench import ARM_M, Bench, LinearTruth, SimulatedSine, simulate_sines
 
 GAIN_N, LAG_S = 2.3828e-6, 0.0775  # near eq. 3.15
 TRUTH = LinearTruth(static_gain_n=GAIN_N, time_constant_s=LAG_S, vibration_n=0.02)

@@ -7,7 +7,7 @@ import pytest
 
 from cfid.errors import DataError, FitError
 from cfid.sim.propulsion import RotorTruth
-from cfid.sim.sine_bench import Bench, simulate_sines
+from tests.offline.sine_bench import Bench, simulate_sines
 from cfid.transfer.frequency_response import Response, respond
 from cfid.transfer.model import EQ_3_15
 from cfid.transfer.sines.alignment import SineRun, align

@@ -9,7 +9,7 @@ from cfid.errors import DataError
 from cfid.sim.app_core import PING, SINE
 from cfid.sim.loadcell import LoadCellTruth
 from cfid.sim.propulsion import RotorTruth
-from cfid.sim.sine_bench import ARM_M, Bench, simulate_sines
+from tests.offline.sine_bench import ARM_M, Bench, simulate_sines
 from cfid.transfer.sines.alignment import RecordedSine, align, held, thrust_of
 from cfid.transfer.sines.plan import SAMPLE_S, Sine
 from cfid.transfer.sines.reports import Reports, match_reports

@@ -8,7 +8,7 @@ import pytest
 
 from cfid.errors import FitError
 from cfid.sim.propulsion import RotorTruth
-from cfid.sim.sine_bench import Bench, LinearTruth, simulate_sines
+from tests.offline.sine_bench import Bench, LinearTruth, simulate_sines
 from cfid.transfer.estimation import MeasuredSeries, TransferFit, fit_transfer, measure
 from cfid.transfer.frequency_response import respond
 from cfid.transfer.identification import corrected_aic, fit_shapes

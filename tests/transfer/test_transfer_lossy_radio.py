@@ -7,7 +7,7 @@ import pytest
 
 from cfid.errors import DataError
 from cfid.sim.link import RadioTruth
-from cfid.sim.sine_bench import simulate_sines
+from tests.offline.sine_bench import simulate_sines
 from cfid.transfer.estimation import fit_transfer, measure
 from cfid.transfer.sines.alignment import RecordedSine, align
 from cfid.transfer.sines.reports import match_reports

@@ -9,7 +9,7 @@ import pytest
 from cfid import transfer
 from cfid.errors import ConfigError, DataError, FitError
 from cfid.records.run import Run
-from cfid.sim.sine_bench import SimulatedSine
+from tests.offline.sine_bench import SimulatedSine
 from cfid.transfer.comparison import Comparison, GainAndLag
 from cfid.transfer.estimation import Delay
 from cfid.transfer.identification import identify_all

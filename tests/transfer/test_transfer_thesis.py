@@ -7,7 +7,7 @@ import pytest
 
 from cfid.errors import DataError, FitError
 from cfid.sim.link import RadioTruth
-from cfid.sim.sine_bench import Bench
+from tests.offline.sine_bench import Bench
 from cfid.transfer.estimation import fit_transfer, measure
 from cfid.transfer.sines.alignment import RecordedSine, Sign, align
 from cfid.transfer.thesis import (

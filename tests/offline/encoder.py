@@ -1,14 +1,17 @@
 """Simulates a polled rotary encoder: turns an axis' true motion into stamped counts; no port and no protocol."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import CubicHermiteSpline
 
+from cfid.sim.plants import swing
 from cfid.sim.stepping import Array
+from cfid.sim.swing import Truth, draw_release, pendulum
 from cfid.wire.rls import STEPS_PER_TURN, encode_positions
 
 
@@ -77,3 +80,33 @@ def _counts(angle_rad: Array, *, word: float | Literal["rls-13bit-in-22"]) -> np
     steps = STEPS_PER_TURN if word == "rls-13bit-in-22" else word
     position = np.floor(angle_rad / (2 * math.pi) * steps).astype(np.int64) % int(steps)
     return encode_positions(position) if word == "rls-13bit-in-22" else position
+
+
+def record_swings(
+    truth: Truth,
+    mounts: Iterable[str],
+    *,
+    rng: np.random.Generator,
+    encoder: EncoderModel,
+    angle_deg: tuple[float, float] = (20, 70),
+    duration_s: float = 16.0,
+) -> dict[str, EncoderRecording]:
+    """Swing the body once in each of the named mounts and record it.
+
+    A body that is mounted again meets the encoder at any angle: every swing gets its own offset in place of the
+    encoder's.
+    """
+    names = tuple(mounts)
+    releases = [draw_release(rng, angle_deg=angle_deg) for _ in names]
+    pendulums = [pendulum(truth, name) for name in names]
+    motion = swing(pendulums, releases, duration_s=duration_s, step_s=2e-3, store_every=1)
+    return {
+        name: record(
+            motion.time_s,
+            motion.angle_rad[:, i],
+            speed_rad_per_s=motion.speed_rad_per_s[:, i],
+            encoder=replace(encoder, offset_rad=rng.uniform(0, 2 * math.pi)),
+            rng=rng,
+        )
+        for i, name in enumerate(names)
+    }

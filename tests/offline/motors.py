@@ -6,13 +6,13 @@ from types import MappingProxyType
 
 import numpy as np
 
-from cfid.sim.demo_runs import PAUSE_S, SimulatedDevice, SimulatedRun, wrench_device
 from cfid.sim.link import Direction
 from cfid.sim.propulsion import WindTruth
-from cfid.sim.sine_bench import Bench, SimulatedSine, simulate_sines
-from cfid.sim.stand import STILL_AIR, StandRecord, simulate_stand, staircase_steps
 from cfid.sim.stepping import Array
 from cfid.sim.truth import SimTruth
+from tests.offline.runs import PAUSE_S, SimulatedDevice, SimulatedRun, wrench_device
+from tests.offline.sine_bench import Bench, SimulatedSine, simulate_sines
+from tests.offline.stand import STILL_AIR, StandRecord, simulate_stand, staircase_steps
 
 RATE_HZ, FULL_RATE_HZ = 1000.0, 7000.0  # the latter for speeds estimated from vibration: blade pass exceeds 500 Hz
 STEPS = tuple(range(0, 64001, 4000))  # the thesis has steps of 2000

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from cfid.sim.demo_motors import record_staircase, shown_rpm
-from cfid.sim.demo_runs import SimulatedDevice, SimulatedRun
 from cfid.sim.propulsion import WindTruth
-from cfid.sim.stand import STILL_AIR
 from cfid.sim.stepping import Array
 from cfid.sim.truth import SimTruth
+from tests.offline.motors import record_staircase, shown_rpm
+from tests.offline.runs import SimulatedDevice, SimulatedRun
+from tests.offline.stand import STILL_AIR
 
 COMMANDS = (10000, 20000, 30000, 40000, 50000)
 WINDS = ((0.0, 8.0, 3.2), (0.0, 12.0, 4.4), (48.4, 8.0, 2.9), (48.4, 12.0, 4.2), (77.9, 8.0, 2.8), (77.9, 12.0, 3.8))

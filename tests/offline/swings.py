@@ -6,12 +6,12 @@ from typing import Literal
 import numpy as np
 
 from cfid.records.rig_file import Rig
-from cfid.sim.demo_runs import PAUSE_S, SimulatedDevice, SimulatedRun
-from cfid.sim.encoder import EncoderModel, EncoderRecording, record
 from cfid.sim.plants import DroppingWeight, drop
-from cfid.sim.swing import Truth, draw_testbody, record_swings
+from cfid.sim.swing import Truth, draw_testbody
 from cfid.sim.truth import SimTruth, draw_vehicle
 from cfid.units import MM
+from tests.offline.encoder import EncoderModel, EncoderRecording, record, record_swings
+from tests.offline.runs import PAUSE_S, SimulatedDevice, SimulatedRun
 
 WEIGHTS_G = (20.0, 20.0, 30.0, 30.0, 40.0, 40.0, 50.0, 50.0)
 
