@@ -4,6 +4,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from cfid.records.progress import Counts
 from cfid.rig.keyboard import Keyboard
 from cfid.rig.loop import Ending
 from cfid.rig.recorder import Say, Sink
@@ -41,9 +42,9 @@ class Noticing:
         """Add facts about a device."""
         self._run.describe(device, facts)
 
-    def sync(self) -> None:
-        """Sync the rows to the disk."""
-        self._run.sync()
+    def sync(self, devices: Mapping[str, Counts]) -> None:
+        """Sync the rows to the disk, and publish the progress of the devices."""
+        self._run.sync(devices)
 
     def close(self) -> None:
         """Give the keyboard back."""

@@ -13,6 +13,7 @@ from twisted.internet.threads import deferToThreadPool
 from twisted.python.failure import Failure
 
 from cfid.errors import CfidError, DeviceError, StopError
+from cfid.records.progress import Counts
 from cfid.rig.clock import suspended_s
 from cfid.rig.progress import Progress
 
@@ -73,8 +74,8 @@ class Sink(Protocol):
     def describe(self, device: str, facts: Mapping[str, Any]) -> None:
         """Add facts about a device."""
 
-    def sync(self) -> None:
-        """Sync the rows to the disk."""
+    def sync(self, devices: Mapping[str, Counts]) -> None:
+        """Sync the rows to the disk, and publish the progress of the devices."""
 
 
 class Recorder:
@@ -185,7 +186,8 @@ class Recorder:
         def synced(_: object) -> None:
             self._syncing = False
 
-        deferToThreadPool(self._loop, self._loop.getThreadPool(), self._run.sync).addBoth(synced)
+        devices = {name: progress.counts for name, progress in self.progress.items()}
+        deferToThreadPool(self._loop, self._loop.getThreadPool(), self._run.sync, devices).addBoth(synced)
 
     async def _stop(self) -> list[Exception]:
         """Stop every device, even if others fail, and write their last rows; return the failures."""

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from cfid.records.progress import Counts
 from cfid.rig.device import Device
 from cfid.rig.log import Procedure, drive
 from cfid.rig.loop import Loop
@@ -49,7 +50,7 @@ class Memory:
         """Keep a device's facts."""
         self._facts[device] = facts
 
-    def sync(self) -> None:
+    def sync(self, devices: Mapping[str, Counts]) -> None:
         """Do nothing."""
 
     def sampled(self, device: str, names: Sequence[str]) -> Sampled:
