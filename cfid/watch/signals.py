@@ -1,5 +1,6 @@
 """Defines the signals of a run's devices: which columns are drawn together, and in which unit, from raw rows."""
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from itertools import groupby
@@ -13,7 +14,7 @@ from cfid.recordings.vehicle import COMMANDS, READINGS, SUPERVISOR, VEHICLE_LOG
 from cfid.recordings.wrench import AXES, LOADCELL, USUAL_COUNTS
 from cfid.records.run import DeviceRecord
 from cfid.watch.extremes import Extremes
-from cfid.wire.rls import RLS_13BIT_IN_22, STEPS_PER_TURN, decode_words
+from cfid.wire.rls import STEPS_PER_TURN, turns_of
 
 Array = npt.NDArray[np.float64]
 Convert = Callable[[Array], Array]
@@ -139,25 +140,18 @@ class _Angle:
     """Converts counts to a continuous angle in degrees; words that fail their check are left out."""
 
     def __init__(self, record: DeviceRecord, *, place: int) -> None:
-        self._place, self._scale = place, record.counts_per_turn
-        self._in_radians = (record.model_extra or {}).get("angle_unit") == "rad"
+        in_radians = (record.model_extra or {}).get("angle_unit") == "rad"
+        self._place, self._counts = place, math.tau if in_radians else record.counts_per_turn or STEPS_PER_TURN
         self._last_turns: float | None = None
 
     def __call__(self, rows: Array) -> Array:
-        value = rows[:, self._place]
-        if self._in_radians:
-            return np.degrees(value)[:, np.newaxis]
-        turns = self._turns(value)
-        good = np.flatnonzero(np.isfinite(turns))
+        turns, valid = turns_of(rows[:, self._place], self._counts)
+        good = turns[valid]
         if len(good):
-            before = turns[good[0]] if self._last_turns is None else self._last_turns
-            steps = np.diff(turns[good], prepend=before)
-            turns[good] = before + np.cumsum(steps - np.round(steps))
-            self._last_turns = float(turns[good[-1]])
-        return 360 * turns[:, np.newaxis]
-
-    def _turns(self, value: Array) -> Array:
-        if self._scale == RLS_13BIT_IN_22:
-            words = decode_words(np.nan_to_num(value, nan=-1.0).astype(np.int64))
-            return np.where(words.valid, words.position / STEPS_PER_TURN, np.nan)
-        return value / float(self._scale or STEPS_PER_TURN)
+            before = good[0] if self._last_turns is None else self._last_turns
+            steps = np.diff(good, prepend=before)
+            good = before + np.cumsum(steps - np.round(steps))
+            self._last_turns = float(good[-1])
+        degrees = np.full((len(turns), 1), np.nan)
+        degrees[valid, 0] = 360 * good
+        return degrees
