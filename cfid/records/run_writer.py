@@ -20,7 +20,7 @@ import numpy as np
 from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
 from cfid.records.files import RUN_FILE, held, locked_folder
-from cfid.records.progress import PROGRESS_FILE, Counts, write_progress
+from cfid.records.progress import PROGRESS_FILE, RunProgress, write_progress
 from cfid.records.rig_file import NONE_STATED, RigFacts
 from cfid.records.run import (
     RECORDER_FILE,
@@ -189,14 +189,14 @@ class RunWriter:
             self._fault = str(error)
             raise
 
-    def sync(self, devices: Mapping[str, Counts]) -> None:
-        """Write the progress of the devices, and flush all rows so far to the disk.
+    def sync(self, progress: RunProgress) -> None:
+        """Write the progress of the recording, and flush all rows so far to the disk.
 
         Slow, and safe to call from another thread, also while the run is closed.
         """
         with self._progress_lock, contextlib.suppress(OSError):  # a progress that is not shown ends no recording
             if self.header.state == "recording" and os.path.samestat(self._made, self.folder.stat()):
-                write_progress(self.folder, devices)
+                write_progress(self.folder, progress)
         for file in self._files.values():
             file.sync()
 

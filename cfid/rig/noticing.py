@@ -4,7 +4,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from cfid.records.progress import Counts
+from cfid.records.progress import RunProgress
 from cfid.rig.keyboard import Keyboard
 from cfid.rig.loop import Ending
 from cfid.rig.recorder import Say, Sink
@@ -42,9 +42,9 @@ class Noticing:
         """Add facts about a device."""
         self._run.describe(device, facts)
 
-    def sync(self, devices: Mapping[str, Counts]) -> None:
-        """Sync the rows to the disk, and publish the progress of the devices."""
-        self._run.sync(devices)
+    def sync(self, progress: RunProgress) -> None:
+        """Sync the rows to the disk, and publish the progress."""
+        self._run.sync(progress)
 
     def close(self) -> None:
         """Give the keyboard back."""

@@ -13,7 +13,7 @@ from twisted.internet.threads import deferToThreadPool
 from twisted.python.failure import Failure
 
 from cfid.errors import CfidError, DeviceError, StopError
-from cfid.records.progress import Counts
+from cfid.records.progress import RunProgress
 from cfid.rig.clock import suspended_s
 from cfid.rig.progress import Progress
 
@@ -74,8 +74,8 @@ class Sink(Protocol):
     def describe(self, device: str, facts: Mapping[str, Any]) -> None:
         """Add facts about a device."""
 
-    def sync(self, devices: Mapping[str, Counts]) -> None:
-        """Sync the rows to the disk, and publish the progress of the devices."""
+    def sync(self, progress: RunProgress) -> None:
+        """Sync the rows to the disk, and publish the progress."""
 
 
 class Recorder:
@@ -186,8 +186,11 @@ class Recorder:
         def synced(_: object) -> None:
             self._syncing = False
 
-        devices = {name: progress.counts for name, progress in self.progress.items()}
-        deferToThreadPool(self._loop, self._loop.getThreadPool(), self._run.sync, devices).addBoth(synced)
+        progress = RunProgress(
+            left_s=None if self.for_s is None else max(self.for_s - self.seconds, 0.0),
+            devices={name: progress.counts for name, progress in self.progress.items()},
+        )
+        deferToThreadPool(self._loop, self._loop.getThreadPool(), self._run.sync, progress).addBoth(synced)
 
     async def _stop(self) -> list[Exception]:
         """Stop every device, even if others fail, and write their last rows; return the failures."""

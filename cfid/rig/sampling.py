@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cfid.records.progress import Counts
+from cfid.records.progress import RunProgress
 from cfid.rig.device import Device
 from cfid.rig.log import Procedure, drive
 from cfid.rig.loop import Loop
@@ -50,7 +50,7 @@ class Memory:
         """Keep a device's facts."""
         self._facts[device] = facts
 
-    def sync(self, devices: Mapping[str, Counts]) -> None:
+    def sync(self, progress: RunProgress) -> None:
         """Do nothing."""
 
     def sampled(self, device: str, names: Sequence[str]) -> Sampled:
