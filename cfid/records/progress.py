@@ -36,7 +36,7 @@ _CONTENT = TypeAdapter(RunProgress)  # checks what is read: nothing that a recor
 
 def write_progress(folder: Path, progress: RunProgress) -> None:
     """Write the progress of a run. Raises OSError."""
-    write_whole(folder / PROGRESS_FILE, _CONTENT.dump_json(progress))
+    write_whole(folder / PROGRESS_FILE, _CONTENT.dump_json(progress), synced=False)
 
 
 def read_progress(folder: Path) -> RunProgress:
