@@ -196,14 +196,14 @@ class ShownRun:
         if not self.viewers:
             return
         now_s = time.monotonic()
-        looks = now_s >= self._next_look_s
-        if looks:
+        is_due = now_s >= self._next_look_s
+        if is_due:
             self._next_look_s = now_s + _LOOK_S
             self.look()
         if self.run is not None:
             self.run.read(_READ_S)
         force = None if self.run is None else self.run.force
-        if looks and force is not None:
+        if is_due and force is not None:
             time_s, force_mn = force.extremes.newest()
             self.spectrum = spectrum_of(time_s, force_mn / SCALE_MN)
 

@@ -103,9 +103,9 @@ def facts_html(run: LiveRun | None, *, refused: int, stops: Sequence[str] = ()) 
     none = "<p>No run yet. The page shows the first one as soon as it begins.</p>" if run is None else ""
     rows = [("the button stops", ", ".join(stops), False)] if stops else []
     if run is not None:
-        progress, moves = run.progress(), run.recording_now and not run.silent
-        rows += _of_run(run, progress.left_s, moves)
-        rows += [(name, *_of_device(device, progress.devices.get(name), moves)) for name, device in run.devices.items()]
+        progress, live = run.progress(), run.recording_now and not run.silent
+        rows += _of_run(run, progress.left_s, live)
+        rows += [(name, *_of_device(device, progress.devices.get(name), live)) for name, device in run.devices.items()]
     if refused:
         rows.append(("requests refused", f"{refused} from outside this page", True))
     cells = "".join(
@@ -116,8 +116,8 @@ def facts_html(run: LiveRun | None, *, refused: int, stops: Sequence[str] = ()) 
     return f"{none}<table>{cells}</table>"
 
 
-def _of_run(run: LiveRun, left_s: float | None, moves: bool) -> Iterator[tuple[str, str, bool]]:
-    """Yield the names of facts, their texts, and whether they are warnings."""
+def _of_run(run: LiveRun, left_s: float | None, live: bool) -> Iterator[tuple[str, str, bool]]:
+    """Yield the names of facts, their texts, and whether they are warnings; `live` means that rows arrive now."""
     header = run.header
     yield "run", run.folder.name + (", simulated" if header.simulated else ""), False
     if header.label.note:
@@ -128,20 +128,20 @@ def _of_run(run: LiveRun, left_s: float | None, moves: bool) -> Iterator[tuple[s
     if header.verdict is not None and header.state != "failed":  # a failed run's verdict is its reason, shown above
         usable = header.verdict.usable
         yield "verdict", header.verdict.text if usable else f"not usable: {header.verdict.text}", not usable
-    left = "" if left_s is None or not moves else f", {clock(left_s)} min left"
+    left = "" if left_s is None or not live else f", {clock(left_s)} min left"
     yield "time", f"{clock(run.now_s)} min{left}", False
     if (volts := run.battery_v) is not None:
         yield "battery", f"{volts:.2f} V", volts < _LOW_V
     if (vehicle := run.vehicle_state) is not None:
         text = ": ".join(filter(None, [vehicle.name, vehicle.remedy]))
-        yield "vehicle" if moves else "vehicle, last seen", text, bool(vehicle.remedy)
+        yield "vehicle" if live else "vehicle, last seen", text, bool(vehicle.remedy)
 
 
-def _of_device(device: DeviceRows, counts: Counts | None, moves: bool) -> tuple[str, bool]:
-    """Return what a device delivered, where it `moves` with its rate; and whether anything of it is missing."""
+def _of_device(device: DeviceRows, counts: Counts | None, live: bool) -> tuple[str, bool]:
+    """Return what a device delivered, where it is `live` with its rate; and whether anything of it is missing."""
     texts = [counted(device.rows if counts is None else counts.rows, "row")]
     if counts is not None:
-        if moves and counts.rate_hz >= 1:  # rarer rows are events
+        if live and counts.rate_hz >= 1:  # rarer rows are events
             requested = f" of {device.record.rate_hz:g}" if device.record.rate_hz else ""
             texts.insert(0, f"{counts.rate_hz:.0f}{requested} Hz")
         texts.append("losses unknown" if counts.lost is None else f"{counts.lost} lost")

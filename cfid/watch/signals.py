@@ -87,8 +87,8 @@ def _of_cell(record: DeviceRecord, axes: tuple[str, ...], *, rests: bool) -> Tra
 
 def _groups(device: str, record: DeviceRecord) -> Iterator[Trace]:
     """Yield a signal for each group of a vehicle's variables (`gyro.x`, `gyro.y`), else one for all columns."""
-    beside = {"command"} if device == READINGS else set()  # which a reading belongs to
-    names = [name for name in record.columns if name not in _NO_VALUES | beside]
+    labels = {"command"} if device == READINGS else set()  # which a reading belongs to
+    names = [name for name in record.columns if name not in _NO_VALUES | labels]
     if device == VEHICLE_LOG:
         groups = [(group, tuple(members)) for group, members in groupby(names, lambda name: name.partition(".")[0])]
     else:

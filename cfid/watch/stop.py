@@ -109,11 +109,11 @@ def vehicles_driven(run: LiveRun | None) -> tuple[str, ...]:
     if run is None:
         return ()
     vehicles = dict.fromkeys(vehicles_of(run.header) if run.recording else ())
-    held = {*vehicles_locked()} - {resolved(uri) for uri in vehicles}
-    for path in sorted(run.folder.resolve().parent.glob(f"*/{RECORDER_FILE}"), reverse=True) if held else ():
+    locked = {*vehicles_locked()} - {resolved(uri) for uri in vehicles}
+    for path in sorted(run.folder.resolve().parent.glob(f"*/{RECORDER_FILE}"), reverse=True) if locked else ():
         with suppress(DataError):  # it begins or ends just now: the next call tries again
             stated = vehicles_of(read_run(path.parent).header)
-            vehicles.update(dict.fromkeys(uri for uri in stated if resolved(uri) in held))
+            vehicles.update(dict.fromkeys(uri for uri in stated if resolved(uri) in locked))
     return tuple(vehicles)
 
 
