@@ -48,7 +48,7 @@ def watch(browser: Browser, folder: Path) -> None:
                 page = browser.open(
                     watcher.err.split()[0], width_px=width_px, height_px=height_px, dark=scheme == "dark"
                 )
-                page.wait_for("window.Bokeh?.documents[0]?.get_model_by_name('time')?.tags.length")
+                page.wait_for("window.Bokeh?.documents[0]?.get_model_by_name('time')?.end > 1")
                 page.value(
                     "[...Bokeh.documents[0]._all_models.values()].find(m => m.type === 'RadioButtonGroup').active = 1"
                 )

@@ -16,7 +16,7 @@ from cfid.records.run import DeviceRecord
 from cfid.rig.check import DeviceAnswer, State
 from cfid.rig.recorder import Sampled
 from cfid.rig.vehicle import BATTERY
-from cfid.wire.rls import RLS_13BIT_IN_22, STEPS_PER_TURN, decode_words
+from cfid.wire.rls import turns_of
 
 Array = npt.NDArray[np.float64]
 
@@ -200,10 +200,8 @@ def _swings(degrees: Array) -> bool:
 
 def _degrees(counts: Array, counts_per_turn: float | str) -> Array:
     """Return a continuous angle (n,) in degrees, relative to its first value."""
-    if counts_per_turn == RLS_13BIT_IN_22:
-        counts, counts_per_turn = decode_words(counts.astype(np.int64)).position.astype(np.float64), STEPS_PER_TURN
-    angle = np.unwrap(counts * (2 * math.pi / float(counts_per_turn)))
-    return np.asarray(np.degrees(angle - angle[0]))
+    degrees = np.unwrap(360 * turns_of(counts, counts_per_turn).turns, period=360)
+    return np.asarray(degrees - degrees[0])
 
 
 def _rate(sampled: Sampled, requested_hz: float) -> list[DeviceAnswer]:

@@ -33,7 +33,7 @@ from cfid.records.files import RUN_FILE
 from cfid.records.parameters import Source
 from cfid.records.run import Facts, Label, Run, facts_of, gaps
 from cfid.units import factor
-from cfid.wire.rls import RLS_13BIT_IN_22, STEPS_PER_TURN, decode_words
+from cfid.wire.rls import RLS_13BIT_IN_22, turns_of
 
 Mask = npt.NDArray[np.bool_]
 CountsPerTurn = float | str
@@ -254,8 +254,7 @@ def _words(series: Series, values: Array) -> tuple[Array, Mask | None, tuple[Fin
     """Return an encoder's 13-bit words (n,) in turns, without those that fail their check."""
     turns, valid = empty(len(values)), np.empty(len(values), bool)
     for part in parts(len(values)):
-        words = decode_words(values[part].astype(np.int64))
-        turns[part], valid[part] = words.position / STEPS_PER_TURN, words.valid
+        turns[part], valid[part] = turns_of(values[part], RLS_13BIT_IN_22)
     failed = int(np.count_nonzero(~valid))
     if failed > _FAILED_SHARE * len(values):
         raise DataError(

@@ -25,8 +25,10 @@ _BEGINNING = 50  # characters of a name, at most four bytes each: a file's name 
 _LARGEST = 1 << 26  # bytes
 
 
-def write_whole(path: Path, content: bytes) -> None:
+def write_whole(path: Path, content: bytes, *, synced: bool = True) -> None:
     """Write a file atomically: a crash leaves the old content or the new one, never a part.
+
+    A power cut does so too where the file is `synced`, which takes the disk some time.
 
     The temporary file is in the same folder, since a rename is atomic only within one file system. Its name cannot be
     predicted, so that nobody can plant a link there. An existing file keeps its permissions, and a symbolic link stays
@@ -44,13 +46,15 @@ def write_whole(path: Path, content: bytes) -> None:
                 temporary.chmod(stat.S_IMODE(path.stat().st_mode))
             file.write(content)
             file.flush()
-            os.fsync(file.fileno())
+            if synced:
+                os.fsync(file.fileno())
         temporary.replace(path)
     except BaseException:
         with contextlib.suppress(OSError):  # the first error is the one to report
             temporary.unlink(missing_ok=True)
         raise
-    _sync_folder(path.parent)
+    if synced:
+        _sync_folder(path.parent)
 
 
 def resolved(path: Path) -> Path:

@@ -6,6 +6,7 @@ import itertools
 import os
 import re
 import shutil
+import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -19,6 +20,7 @@ import numpy as np
 from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
 from cfid.records.files import RUN_FILE, held, locked_folder
+from cfid.records.progress import PROGRESS_FILE, RunProgress, write_progress
 from cfid.records.rig_file import NONE_STATED, RigFacts
 from cfid.records.run import (
     RECORDER_FILE,
@@ -172,6 +174,7 @@ class RunWriter:
     _facts: dict[str, dict[str, Any]] = field(default_factory=dict)
     _held: contextlib.ExitStack = field(default_factory=contextlib.ExitStack)  # until run.toml states the end
     _fault: str = ""
+    _progress_lock: threading.Lock = field(default_factory=threading.Lock)
 
     def append(self, device: str, columns: Sequence[Sequence[float] | Any]) -> None:
         """Write one block of a device, given as columns of equal length: time in seconds, then raw values.
@@ -186,8 +189,14 @@ class RunWriter:
             self._fault = str(error)
             raise
 
-    def sync(self) -> None:
-        """Flush everything written so far to the disk; slow, and safe to call from another thread."""
+    def sync(self, progress: RunProgress) -> None:
+        """Write the progress of the recording, and flush all rows so far to the disk.
+
+        Slow, and safe to call from another thread, also while the run is closed.
+        """
+        with self._progress_lock, contextlib.suppress(OSError):  # a progress that is not shown ends no recording
+            if self.header.state == "recording" and os.path.samestat(self._made, self.folder.stat()):
+                write_progress(self.folder, progress)
         for file in self._files.values():
             file.sync()
 
@@ -234,9 +243,10 @@ class RunWriter:
             raise DataError(f"{path}: cannot be written: {error.strerror}. The run counts as cut. {rows}") from None
         finally:
             self._held.close()
-        with contextlib.suppress(OSError):  # a file left there is harmless
-            (self.folder / RECORDER_FILE).unlink()
         self.header = final
+        with self._progress_lock, contextlib.suppress(OSError):  # files left there are harmless
+            (self.folder / RECORDER_FILE).unlink(missing_ok=True)
+            (self.folder / PROGRESS_FILE).unlink(missing_ok=True)
         return Run(folder=self.folder, header=self.header)
 
     def _amended(self, final: RunHeader) -> RunHeader:

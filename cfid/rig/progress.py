@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from cfid.records.progress import Counts
+
 if TYPE_CHECKING:
     from cfid.rig.instrument import Block
 
@@ -70,6 +72,11 @@ class Progress:
         silent_s = now_s - self._received_s
         usual_s = median(self._pauses) if self._pauses else 0.0
         self.silent_s = silent_s if silent_s > max(_SILENT_S, _USUAL_PAUSES * usual_s) else 0.0
+
+    @property
+    def counts(self) -> Counts:
+        """What those who watch the run are told of the instrument."""
+        return Counts(rows=self.rows, lost=None if self.lost is None else int(self.lost), rate_hz=self.rate_hz)
 
     @property
     def rate_hz(self) -> float:

@@ -12,6 +12,7 @@ from twisted.internet.defer import Deferred
 from twisted.python.failure import Failure
 
 from cfid.errors import CfidError, DeviceError, StopError
+from cfid.records.progress import RunProgress
 from cfid.rig.hardware import Hardware
 from cfid.rig.instrument import Instrument
 from cfid.rig.progress import Progress
@@ -35,8 +36,8 @@ class Sink(Protocol):
     def describe(self, device: str, facts: Mapping[str, Any]) -> None:
         """Add facts about a device."""
 
-    def sync(self) -> None:
-        """Sync the rows to the disk."""
+    def sync(self, progress: RunProgress) -> None:
+        """Sync the rows to the disk, and publish the progress."""
 
 
 @dataclass
@@ -75,7 +76,7 @@ class Memory:
         """Keep a device's facts."""
         self._facts[device] = facts
 
-    def sync(self) -> None:
+    def sync(self, progress: RunProgress) -> None:
         """Do nothing."""
 
     def sampled(self, device: str, names: Sequence[str]) -> Sampled:
@@ -206,7 +207,11 @@ class Recorder:
         def synced(_: object) -> None:
             self._syncing = False
 
-        self._hardware.in_thread(self._sink.sync).addBoth(synced)
+        progress = RunProgress(
+            left_s=None if self.for_s is None else max(self.for_s - self.seconds, 0.0),
+            devices={name: device.counts for name, device in self.progress.items()},
+        )
+        self._hardware.in_thread(lambda: self._sink.sync(progress)).addBoth(synced)
 
     async def _stop(self, started: Sequence[Instrument]) -> list[Exception]:
         """Stop every device, even if others fail, and write their last rows; return the failures."""

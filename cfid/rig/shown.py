@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from cfid.rig.progress import Progress, Reading
-from cfid.wire.rls import RLS_13BIT_IN_22, STEPS_PER_TURN, decode_words
+from cfid.wire.rls import turns_of
 
 
 def degrees(counts_per_turn: float | str) -> Reading:
@@ -13,14 +13,10 @@ def degrees(counts_per_turn: float | str) -> Reading:
 
     The encoder's own zero may lie anywhere.
     """
-    words = counts_per_turn == RLS_13BIT_IN_22
-    turn = float(STEPS_PER_TURN if words else counts_per_turn)
 
     def angle(encoder: Progress) -> float:
-        latest, first = encoder.latest[0], encoder.first[0]
-        if words:
-            latest, first = decode_words(np.array([latest, first]).astype(np.int64)).position
-        return (360 * (latest - first) / turn + 180) % 360 - 180
+        latest, first = turns_of(np.array([encoder.latest[0], encoder.first[0]]), counts_per_turn).turns
+        return float((360 * (latest - first) + 180) % 360 - 180)
 
     return Reading(angle, "{:z6.1f} deg")
 

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from cfid.console.inputs import Workplace, find_recording
-from cfid.console.messages import echo, note
+from cfid.console.messages import echo
 from cfid.records.extras import optional_library
 
 
@@ -28,34 +28,27 @@ def watch(
     Example: [bold]cfid watch --open[/bold]
     """
     from cfid.errors import ConfigError
-    from cfid.records.campaign import Campaign, find_campaign, find_folder
+    from cfid.records.campaign import Campaign, find_folder
     from cfid.records.files import RIG_FILE
     from cfid.records.rig_file import thesis_rig
 
-    try:
-        found = find_campaign(campaign)
-    except ConfigError as error:
-        folder = find_folder() if campaign is None else campaign
-        if folder is None or not (folder / RIG_FILE).is_file():
-            raise
-        note(f"{error} The page needs no valid rig.toml.")
-        found = Campaign(folder=folder, rig=thesis_rig())
-    if run is None and found is None:
+    folder = find_folder() if campaign is None else campaign
+    if folder is None and run is None:
         raise ConfigError("there is no campaign here whose runs could be shown: name a run folder, or --campaign.")
+    if folder is not None and not (folder / RIG_FILE).is_file():
+        raise ConfigError(f"{folder}: has no {RIG_FILE}: name a campaign's folder.")
     optional_library("bokeh", extra="watch", what="cfid watch")
+    from cfid.watch.live_run import ShownRun
     from cfid.watch.server import serve
-    from cfid.watch.watched import Watched
 
-    watched = Watched(
-        folder=None if run is None else find_recording(run, Workplace(found, thesis_rig(), borrowed=True)),
-        runs_folder=None if found is None else found.runs_folder,
+    # The page needs no rig, so that it opens, and stops motors, also while rig.toml is invalid.
+    rig = thesis_rig()
+    opened = None if folder is None else Campaign(folder=folder, rig=rig)
+    shown = ShownRun(
+        folder=None if run is None else find_recording(run, Workplace(opened, rig, borrowed=True)),
+        runs_folder=None if opened is None else opened.runs_folder,
     )
-    serve(
-        watched,
-        campaign=None if found is None else found.folder,
-        port=port,
-        ready=lambda address: _announce(address, browser),
-    )
+    serve(shown, campaign=folder, port=port, ready=lambda address: _announce(address, browser))
 
 
 def _announce(address: str, opened: bool) -> None:

@@ -1,7 +1,9 @@
-"""Takes the connections to the page: a stop is answered at once, in a thread of its own; the rest goes to Bokeh."""
+"""The page's port: who may ask for what, and who answers. A stop has a thread of its own, the rest goes to Bokeh."""
 
+import hmac
+import secrets
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from http.server import BaseHTTPRequestHandler
 from json import dumps
 from socket import MSG_PEEK, socket
@@ -11,12 +13,57 @@ from typing import Any
 
 from tornado.httputil import HTTPHeaders
 
-from cfid.watch.gate import LOOPBACK, Gate
 from cfid.watch.stop import MotorStop
+
+LOOPBACK = "127.0.0.1"
+TOKEN_HEADER = "X-Cfid-Token"
 
 _STOP = b"POST /stop "
 _SLOWEST_S = 10.0  # from the connection to the request, which a browser may open in advance, and for the answer
 _LOOKED_AT = 16  # bytes of a request
+
+
+class Gate:
+    """Knows this server's names and its token; `refused` counts the requests that it turned away.
+
+    Host reveals the name of another site that leads here (DNS rebinding); Origin, or for a request without one the site
+    that the browser states, a request from another site's page.
+    """
+
+    def __init__(self, port: int) -> None:
+        """Take the port of the server, and draw a token."""
+        self.token = secrets.token_urlsafe(32)
+        self.refused = 0
+        self.hosts = [f"{name}:{port}" for name in (LOOPBACK, "localhost")]  # under which the page may be open
+
+    def admits(self, path: str, headers: Mapping[str, str]) -> bool:
+        """Return whether a request comes from a browser of this computer for this server's own page; count others.
+
+        The page itself, whose address an operator types, has no origin. Anything else without an origin or a site, as
+        from a program, needs the token.
+        """
+        origin = headers.get("Origin")
+        if origin is None and not self._has_token(headers):
+            site = headers.get("Sec-Fetch-Site", "none" if path == "/" else "")
+            return self._counted(headers.get("Host") in self.hosts and site in ("same-origin", "none"))
+        return self._counted(headers.get("Host") in self.hosts and (origin is None or self._is_own(origin)))
+
+    def admits_stop(self, headers: Mapping[str, str]) -> bool:
+        """Return whether a button of the page made a request; count others. A browser states the origin of each."""
+        is_own = headers.get("Host") in self.hosts and self._is_own(headers.get("Origin") or "")
+        return self._counted(is_own and self._has_token(headers))
+
+    def _has_token(self, headers: Mapping[str, str]) -> bool:
+        given = headers.get(TOKEN_HEADER) or ""
+        return hmac.compare_digest(given.encode("utf-8", "replace"), self.token.encode())
+
+    def _is_own(self, origin: str) -> bool:
+        scheme, _, host = origin.partition("://")
+        return scheme == "http" and host in self.hosts
+
+    def _counted(self, admitted: bool) -> bool:
+        self.refused += not admitted
+        return admitted
 
 
 class Door(ThreadingTCPServer):

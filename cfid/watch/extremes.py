@@ -55,12 +55,10 @@ class Extremes:
         parts.insert(0, found)
         return Envelope(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
-    def newest(self, count: int) -> tuple[Array, Array]:
-        """Return up to `count` newest samples, at least `BINS` of which are kept: times (n,), values (n, c)."""
-        if not self._levels:
-            return np.empty(0), np.empty((0, self._channels))
-        kept = self._levels[0].kept
-        return kept.time_s[-count:], kept.low[-count:]
+    def newest(self) -> tuple[Array, Array]:
+        """Return the newest samples, `BINS` or more of them: times (n,), values (n, c)."""
+        kept = self._levels[0].kept if self._levels else self.view(0.0, 0.0, 0)
+        return kept.time_s, kept.low
 
     def _add(self, k: int, new: Envelope) -> None:
         """Append bins to a level, and each pair of them to the next as one."""

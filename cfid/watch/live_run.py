@@ -1,110 +1,101 @@
-"""A run as its folder shows it, while it grows: signals, rates, losses, the vehicle's state, the time left."""
+"""A run as its folder shows it while it grows, and which run the page shows; nothing in it is locked or written."""
 
 import contextlib
+import io
 import time
-from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 
 from cfid.errors import DataError
-from cfid.motors.plan import StaircasePlan
-from cfid.recordings.vehicle import READINGS, SUPERVISOR, VEHICLE_LOG
+from cfid.recordings.vehicle import SUPERVISOR, VEHICLE_LOG
 from cfid.recordings.wrench import LOADCELL
 from cfid.records.files import RUN_FILE
-from cfid.records.run import DeviceRecord, Run, RunHeader, is_written, number_of, read_run
+from cfid.records.progress import Counts, RunProgress, read_progress
+from cfid.records.run import RECORDER_FILE, DeviceRecord, RunHeader, is_written, number_of, read_run
 from cfid.rig.vehicle import BATTERY
-from cfid.transfer.sines.plan import SAMPLE_S
-from cfid.watch.driven import vehicles_of, vehicles_recorded
-from cfid.watch.signals import Trace, signals_of
-from cfid.watch.tail import Tail
+from cfid.watch.signals import SCALE_MN, Trace, signals_of
+from cfid.watch.spectrum import RotorLines, spectrum_of
 from cfid.wire.supervisor import VehicleState
 
 Array = npt.NDArray[np.float64]
 
-_RATE_S = 2.0  # over which a rate is averaged
+CHUNK_BYTES = 1 << 20  # 14 000 rows of a load cell: two seconds at 7 kHz, parsed within about 20 ms
+
 _QUIET_S = 2.0  # without a row of any device, after which a run is silent
-_SEQUENCE, _VEHICLE_MS = "rdt_sequence", "vehicle_ms"
-_WRAPS = {_SEQUENCE: 2**32, _VEHICLE_MS: 2**24}  # columns in which the source numbers or dates its rows
-_FEWEST_STEPS = 8  # of the vehicle's time, whose median is the period of its log
+_READ_S = 0.1  # of the time from one picture to the next, while the page catches up with a long file
+_LOOK_S = 0.5  # from one spectrum, and one look for a newer run, to the next
 
 
 @dataclass(kw_only=True)
-class DeviceProgress:
-    """A device's rows so far, its rate in Hz, and the samples known to be missing (None where rows do not show it)."""
+class DeviceRows:
+    """The rows of a device's growing CSV file so far; `unreadable` counts bytes that are no rows of its columns."""
 
+    path: Path
     record: DeviceRecord
-    tail: Tail
     signals: list[Trace]
     rows: int = 0
-    missing: int | None = None
-    latest_s: float = float("nan")
+    unreadable: int = 0
     latest: tuple[float, ...] = ()
-    _marks: deque[tuple[float, int]] = field(default_factory=deque)
-    _early: Array = field(default_factory=lambda: np.empty(0))  # steps before the period is known
-    _period: float = 0.0
+    _offset: int = 0
 
-    @property
-    def rate_hz(self) -> float:
-        """Rows per second over the last seconds, by the rows' own times."""
-        if len(self._marks) < 2:
-            return 0.0
-        (begin_s, before), (end_s, after) = self._marks[0], self._marks[-1]
-        return (after - before) / (end_s - begin_s) if end_s > begin_s else 0.0
+    def read(self) -> Array:
+        """Return the next whole rows (n, columns), of one chunk at most; a last line without its end stays."""
+        columns = len(self.record.columns)
+        try:
+            with self.path.open("rb") as file:
+                file.seek(self._offset)
+                block = file.read(CHUNK_BYTES)
+        except OSError:
+            return np.empty((0, columns))
+        block = block[: block.rfind(b"\n") + 1]
+        is_first = not self._offset
+        self._offset += len(block)
+        if is_first:
+            block = block[block.find(b"\n") + 1 :]  # without the names of the columns
+        if not block:
+            return np.empty((0, columns))
+        try:
+            table = pd.read_csv(io.BytesIO(block), header=None, names=range(columns), index_col=False, dtype=np.float64)
+        except ValueError:  # somebody edited the file
+            self.unreadable += len(block)
+            return np.empty((0, columns))
+        values = table.to_numpy()
+        return np.asarray(values[np.isfinite(values[:, 0])])
 
     def take(self, zero_s: float | None) -> float | None:
-        """Read the next rows; return the Unix time at the zero of the run's picture, None until it is known."""
-        rows = self.tail.rows()
+        """Add the next rows to the signals; return the Unix time at the zero of the picture, None until it is known."""
+        rows = self.read()
         if not len(rows):
             return zero_s
         zero_s = float(rows[0, 0]) if zero_s is None else zero_s
-        if not self._marks:
-            self._marks.append((float(rows[0, 0]), 1))  # so that a short file, read at once, has a rate too
-        self._count_missing(rows)
         for signal in self.signals:
             signal.add(rows[:, 0] - zero_s, rows)
         self.rows += len(rows)
-        self.latest_s, self.latest = float(rows[-1, 0]), tuple(rows[-1].tolist())
-        self._marks.append((self.latest_s, self.rows))
-        while len(self._marks) > 2 and self.latest_s - self._marks[1][0] > _RATE_S:
-            self._marks.popleft()
+        self.latest = tuple(rows[-1].tolist())
         return zero_s
-
-    def _count_missing(self, rows: Array) -> None:
-        """Count the samples missing before each of the rows (n, columns), if a column numbers or dates the rows."""
-        column = next((name for name in _WRAPS if name in self.record.columns), None)
-        if column is None:
-            return
-        place, wrap = self.record.columns.index(column), _WRAPS[column]
-        steps = np.diff(np.concatenate([[self.latest[place]] if self.latest else [], rows[:, place]])) % wrap
-        steps = np.concatenate([self._early, steps[(steps > 0) & (steps < wrap / 2)]])
-        if not self._period and column == _VEHICLE_MS and len(steps) < _FEWEST_STEPS:
-            self._early = steps
-            return
-        self._early = np.empty(0)
-        self._period = self._period or (1.0 if column == _SEQUENCE else float(np.median(steps)))
-        self.missing = (self.missing or 0) + int(np.sum(np.rint(steps / self._period) - 1))
 
 
 class LiveRun:
-    """A run folder that is read again and again; nothing in it is locked or written."""
+    """A run folder that is read again and again."""
 
     def __init__(self, folder: Path) -> None:
         """Read its run.toml. Raises DataError when that is missing or invalid."""
         self.folder = folder
         self.header: RunHeader = read_run(folder).header
         self.zero_s: float | None = None
+        self.caught_up = False  # with the rows on the disk
         self.devices = {
-            name: DeviceProgress(
+            name: DeviceRows(
+                path=folder / record.file,
                 record=record,
-                tail=Tail(folder / record.file, len(record.columns)),
                 signals=signals_of(name, record, rests=self.header.kind != LOADCELL),  # that kind may begin loaded
             )
             for name, record in self.header.devices.items()
         }
-        self._changed = self._stamp()
 
     @property
     def recording(self) -> bool:
@@ -112,13 +103,14 @@ class LiveRun:
         return self.header.state == "recording"
 
     @property
-    def driven(self) -> tuple[str, ...]:
-        """The addresses of the vehicles that this run drives, or drove when it was cut, then those of its neighbours.
+    def recording_now(self) -> bool:
+        """Whether a process is recording the run, with rows or without."""
+        return self.recording and is_written(self.folder)
 
-        The neighbours are the other runs in the same folder that are being recorded now.
-        """
-        own = vehicles_of(self.header) if self.recording else ()
-        return own + vehicles_recorded(self.folder.resolve().parent, besides=own)
+    @property
+    def rows(self) -> int:
+        """How many rows of all devices were read."""
+        return sum(device.rows for device in self.devices.values())
 
     @property
     def signals(self) -> list[Trace]:
@@ -128,15 +120,8 @@ class LiveRun:
     @property
     def now_s(self) -> float:
         """The time of the newest row, in s from the first."""
-        times = [device.latest_s for device in self.devices.values() if device.rows]
+        times = [device.latest[0] for device in self.devices.values() if device.latest]
         return max(times) - self.zero_s if times and self.zero_s is not None else 0.0
-
-    @property
-    def behind(self) -> float:
-        """The fraction of the files that is not read yet, from 0 to 1."""
-        behind = sum(device.tail.behind_bytes for device in self.devices.values())
-        whole = sum(_size(self.folder / device.record.file) for device in self.devices.values())
-        return behind / whole if whole else 0.0
 
     @property
     def quiet_s(self) -> float:
@@ -144,15 +129,9 @@ class LiveRun:
         return max(time.time() - (self.zero_s or self.header.started.timestamp()) - self.now_s, 0.0)
 
     @property
-    def recording_now(self) -> bool:
-        """Whether a process is recording the run, with rows or without."""
-        return self.recording and is_written(self.folder)
-
-    @property
-    def left_s(self) -> float | None:
-        """How much longer the recording will last, None where it has no planned end."""
-        lasts_s = planned_s(Run(folder=self.folder, header=self.header))
-        return None if lasts_s is None or not self.recording_now else max(lasts_s - self.now_s, 0.0)
+    def silent(self) -> bool:
+        """Whether a run that was not closed has had no row for some seconds, by this computer's clock."""
+        return self.recording and self.caught_up and self.quiet_s > _QUIET_S
 
     @property
     def vehicle_state(self) -> VehicleState | None:
@@ -169,85 +148,80 @@ class LiveRun:
         return device.latest[device.record.columns.index(BATTERY)]
 
     @property
-    def loadcell(self) -> DeviceProgress | None:
-        """The load cell, where the run has one with its usual columns."""
+    def force(self) -> Trace | None:
+        """The force on the load cell, where the run has one with its usual columns."""
         device = self.devices.get(LOADCELL)
-        return device if device is not None and device.signals else None
+        return next((signal for signal in device.signals if signal.unit == "mN"), None) if device else None
 
-    @property
-    def silent(self) -> bool:
-        """Whether a run that was not closed has had no row for some seconds, by this computer's clock."""
-        return self.recording and not self.behind and self.quiet_s > _QUIET_S
+    def progress(self) -> RunProgress:
+        """Return what is known of the devices: by run.toml for a run that was closed, else by its recorder."""
+        if self.recording:
+            return read_progress(self.folder)
+        return RunProgress(
+            devices={
+                name: Counts(rows=record.rows, lost=record.lost, rate_hz=0.0)
+                for name, record in self.header.devices.items()
+                if record.rows is not None
+            }
+        )
 
-    def rate_hz(self, device: DeviceProgress) -> float:
-        """Return a device's rows per second, 0 if it had none in the last seconds while others had some."""
-        silent_s = self.now_s + (self.zero_s or 0.0) - device.latest_s
-        return 0.0 if silent_s > _RATE_S or (self.silent and self.recording_now) else device.rate_hz
-
-    def read(self, within_s: float) -> bool:
-        """Read what was added, for at most about `within_s`; return whether anything was added."""
-        begun_s, before = time.monotonic(), sum(device.rows for device in self.devices.values())
-        more = True
-        while more and time.monotonic() - begun_s < within_s:
-            more = False
-            for device in self.devices.values():
-                rows = device.rows
-                self.zero_s = device.take(self.zero_s)
-                more = more or device.rows > rows
-        return self._read_header() or sum(device.rows for device in self.devices.values()) > before
-
-    def _read_header(self) -> bool:
-        """Read run.toml again if it was replaced."""
-        stamp = self._stamp()
-        if stamp == self._changed:
-            return False
-        self._changed = stamp
+    def read_header(self) -> None:
+        """Read run.toml again; one that is missing or invalid by now changes nothing."""
         with contextlib.suppress(DataError):
             self.header = read_run(self.folder).header
-        return True
 
-    def _stamp(self) -> int:
-        try:
-            return (self.folder / RUN_FILE).stat().st_mtime_ns
-        except OSError:
-            return 0
+    def read(self, within_s: float) -> None:
+        """Read the rows that were added to the files, for at most about `within_s`."""
+        end_s, self.caught_up = time.monotonic() + within_s, False
+        while not self.caught_up and time.monotonic() < end_s:
+            before = self.rows
+            for device in self.devices.values():
+                self.zero_s = device.take(self.zero_s)
+            self.caught_up = self.rows == before
 
 
-def planned_s(run: Run) -> float | None:
-    """Return how long a run was to last by its request; None for a request without an end, or of an unknown kind.
+class ShownRun:
+    """The run that the page shows, read once for all viewers: the one named, else the newest of a campaign."""
 
-    A run with typed readings has no planned end: nobody knows how long typing takes.
-    """
-    requested = run.header.requested
-    if READINGS in run.header.devices:
-        return None
-    try:
-        if "for_s" in requested:
-            return float(requested["for_s"])
-        if {"l", "n"} <= set(requested):
-            return int(requested["n"]) * SAMPLE_S
-        return StaircasePlan.of_run(run).duration_s
-    except (KeyError, TypeError, ValueError):
-        return None
+    def __init__(self, *, folder: Path | None, runs_folder: Path | None) -> None:
+        """Begin with the named run; without one, turn to each new recording. Raises DataError where it is no run."""
+        self.run: LiveRun | None = None if folder is None else LiveRun(folder)
+        self.spectrum: RotorLines | None = None
+        self.viewers = 0
+        self._runs_folder = None if folder is not None else runs_folder
+        self._next_look_s = 0.0
+
+    def read(self) -> None:
+        """Read what was added since the last call, while anybody views it."""
+        if not self.viewers:
+            return
+        now_s = time.monotonic()
+        is_due = now_s >= self._next_look_s
+        if is_due:
+            self._next_look_s = now_s + _LOOK_S
+            self.look()
+        if self.run is not None:
+            self.run.read(_READ_S)
+        force = None if self.run is None else self.run.force
+        if is_due and force is not None:
+            time_s, force_mn = force.extremes.newest()
+            self.spectrum = spectrum_of(time_s, force_mn / SCALE_MN)
+
+    def look(self) -> None:
+        """Read run.toml again, and turn to a newer run of the campaign, unless the shown run is being recorded."""
+        if self.run is not None:
+            self.run.read_header()
+        if self._runs_folder is None or (self.run is not None and self.run.recording_now):
+            return
+        folder = newest_run(self._runs_folder)
+        if folder is None or (self.run is not None and self.run.folder == folder):
+            return
+        with contextlib.suppress(DataError):  # the next call tries again
+            self.run, self.spectrum = LiveRun(folder), None
 
 
 def newest_run(runs_folder: Path) -> Path | None:
     """Return the run being recorded, else the last one; None where there is none."""
-    folders = (path.parent for path in runs_folder.glob(f"*/{RUN_FILE}"))
-    found = sorted(folders, key=lambda folder: (number_of(folder), folder.name), reverse=True)
-    return next((folder for folder in found if _grows(folder)), found[0] if found else None)
-
-
-def _grows(folder: Path) -> bool:
-    """Return whether a run is being recorded, without reading a run that no process writes."""
-    try:
-        return is_written(folder) and read_run(folder).cut
-    except DataError:
-        return False
-
-
-def _size(path: Path) -> int:
-    try:
-        return path.stat().st_size
-    except OSError:
-        return 0
+    recorded = [path.parent for path in runs_folder.glob(f"*/{RECORDER_FILE}") if is_written(path.parent)]
+    folders = recorded or [path.parent for path in runs_folder.glob(f"*/{RUN_FILE}")]
+    return max(folders, key=lambda folder: (number_of(folder), folder.name), default=None)

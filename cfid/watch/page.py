@@ -1,8 +1,16 @@
-"""The page around the plots: it has no inline script, so that its policy can forbid all of them."""
+"""The page around the plots: facts and a stop, and no inline script, so that its policy can forbid all of them."""
 
+from collections.abc import Iterator, Sequence
 from html import escape
 
-from cfid.watch.gate import Gate
+from cfid.console.messages import clock
+from cfid.counted import counted
+from cfid.recordings.crazyflie import printable
+from cfid.records.progress import Counts
+from cfid.watch.live_run import DeviceRows, LiveRun
+
+_LOW_V = 3.2
+_LONGEST = 300
 
 _PAGE = """<!doctype html>
 <html lang="en">
@@ -44,19 +52,6 @@ plots.src = "/plots/autoload.js?bokeh-autoload-element=plots-script&bokeh-app-pa
 document.getElementById("plots").append(plots);
 dark.addEventListener("change", () => location.reload());
 
-// Answers each picture once it is drawn, so that the next ones are sent.
-const waiting = setInterval(() => {
-  const time = window.Bokeh?.documents[0]?.get_model_by_name("time");
-  if (!time) return;
-  clearInterval(waiting);
-  const answer = () => {
-    const [word, count] = time.tags;
-    if (word === "sent") requestAnimationFrame(() => setTimeout(() => { time.tags = ["drawn", count]; }));
-  };
-  time.properties.tags.change.connect(answer);
-  answer();
-}, 50);
-
 const facts = document.getElementById("facts");
 const look = async () => {
   try {
@@ -95,6 +90,61 @@ HEADERS = {
 }
 
 
-def page_html(gate: Gate) -> str:
+def page_html(token: str) -> str:
     """Return the page, with a button that stops motors."""
-    return _PAGE.replace("TOKEN", escape(gate.token))
+    return _PAGE.replace("TOKEN", escape(token))
+
+
+def facts_html(run: LiveRun | None, *, refused: int, stops: Sequence[str] = ()) -> str:
+    """Return a table of facts; texts from the run's files are escaped and contain no control characters.
+
+    `stops` are the vehicles that the page's button stops.
+    """
+    none = "<p>No run yet. The page shows the first one as soon as it begins.</p>" if run is None else ""
+    rows = [("the button stops", ", ".join(stops), False)] if stops else []
+    if run is not None:
+        progress, live = run.progress(), run.recording_now and not run.silent
+        rows += _of_run(run, progress.left_s, live)
+        rows += [(name, *_of_device(device, progress.devices.get(name), live)) for name, device in run.devices.items()]
+    if refused:
+        rows.append(("requests refused", f"{refused} from outside this page", True))
+    cells = "".join(
+        f'<tr><th>{escape(name)}</th><td class="{"warning" if warns else ""}">'
+        f"{escape(printable(text, _LONGEST))}</td></tr>"
+        for name, text, warns in rows
+    )
+    return f"{none}<table>{cells}</table>"
+
+
+def _of_run(run: LiveRun, left_s: float | None, live: bool) -> Iterator[tuple[str, str, bool]]:
+    """Yield the names of facts, their texts, and whether they are warnings; `live` means that rows arrive now."""
+    header = run.header
+    yield "run", run.folder.name + (", simulated" if header.simulated else ""), False
+    if header.label.note:
+        yield "note", header.label.note, False
+    recording = "recording, but" if run.recording_now else "cut,"
+    state = f"{recording} no row for {run.quiet_s:.0f} s" if run.silent else header.state
+    yield "state", ": ".join(filter(None, [state, header.reason])), run.silent or header.state == "failed"
+    if header.verdict is not None and header.state != "failed":  # a failed run's verdict is its reason, shown above
+        usable = header.verdict.usable
+        yield "verdict", header.verdict.text if usable else f"not usable: {header.verdict.text}", not usable
+    left = "" if left_s is None or not live else f", {clock(left_s)} min left"
+    yield "time", f"{clock(run.now_s)} min{left}", False
+    if (volts := run.battery_v) is not None:
+        yield "battery", f"{volts:.2f} V", volts < _LOW_V
+    if (vehicle := run.vehicle_state) is not None:
+        text = ": ".join(filter(None, [vehicle.name, vehicle.remedy]))
+        yield "vehicle" if live else "vehicle, last seen", text, bool(vehicle.remedy)
+
+
+def _of_device(device: DeviceRows, counts: Counts | None, live: bool) -> tuple[str, bool]:
+    """Return what a device delivered, where it is `live` with its rate; and whether anything of it is missing."""
+    texts = [counted(device.rows if counts is None else counts.rows, "row")]
+    if counts is not None:
+        if live and counts.rate_hz >= 1:  # rarer rows are events
+            requested = f" of {device.record.rate_hz:g}" if device.record.rate_hz else ""
+            texts.insert(0, f"{counts.rate_hz:.0f}{requested} Hz")
+        texts.append("losses unknown" if counts.lost is None else f"{counts.lost} lost")
+    if device.unreadable:
+        texts.append(f"{counted(device.unreadable, 'byte')} unreadable")
+    return ", ".join(texts), bool(device.unreadable or (counts is not None and counts.lost))

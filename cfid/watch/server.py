@@ -24,13 +24,11 @@ from tornado.iostream import IOStream
 from tornado.web import RequestHandler
 
 from cfid.errors import ConfigError
-from cfid.watch.door import Door
-from cfid.watch.facts import facts_html
-from cfid.watch.gate import LOOPBACK, Gate
-from cfid.watch.page import HEADERS, SCRIPT, page_html
+from cfid.watch.door import LOOPBACK, Door, Gate
+from cfid.watch.live_run import ShownRun
+from cfid.watch.page import HEADERS, SCRIPT, facts_html, page_html
 from cfid.watch.picture import EVERY_MS, Picture
 from cfid.watch.stop import MotorStop
-from cfid.watch.watched import Watched
 
 _PLOTS = "/plots"
 _STREAM = b"GET /plots/ws"  # the one connection that outlives its request
@@ -41,7 +39,7 @@ _DENIALS = {
 }
 
 
-def serve(watched: Watched, *, campaign: Path | None, port: int, ready: Callable[[str], None]) -> None:
+def serve(shown: ShownRun, *, campaign: Path | None, port: int, ready: Callable[[str], None]) -> None:
     """Serve the page until Ctrl-C; `ready` gets its address. Port 0 is any free one.
 
     `campaign` is the folder of the page's campaign, for the button. Raises ConfigError when the port cannot be taken.
@@ -53,25 +51,30 @@ def serve(watched: Watched, *, campaign: Path | None, port: int, ready: Callable
     for name in ("bokeh", "tornado.access"):  # the page shows what was refused
         logging.getLogger(name).setLevel(logging.ERROR)
     settings.resources = "server"  # whatever the environment sets: nothing is loaded from elsewhere
-    asyncio.run(_serving(watched, door, MotorStop(watched, campaign), ready))
+    asyncio.run(_serving(shown, door, MotorStop(shown, campaign), ready))
 
 
-async def _serving(watched: Watched, door: Door, stop: MotorStop, ready: Callable[[str], None]) -> None:
+async def _serving(shown: ShownRun, door: Door, stop: MotorStop, ready: Callable[[str], None]) -> None:
     gate = door.gate
 
     def draw(document: Document) -> None:
         context = document.session_context
         arguments = context.request.arguments if context is not None and context.request is not None else {}
-        Picture(document, watched, dark=arguments.get("dark") == [b"1"])
+        Picture(document, shown, dark=arguments.get("dark") == [b"1"])
+
+    def facts() -> str:
+        if not shown.viewers:  # the plots were not loaded
+            shown.look()
+        return facts_html(shown.run, refused=gate.refused, stops=stop.vehicles())
 
     application = _Gated(
         {_PLOTS: Application(FunctionHandler(draw))},
         gate=gate,
         use_index=False,
         extra_patterns=[
-            ("/", _Page, {"gate": gate}),
-            ("/page.js", _Script),
-            ("/facts", _FactsPage, {"watched": watched, "gate": gate, "stop": stop}),
+            ("/", _Text, {"kind": "text/html", "text": lambda: page_html(gate.token)}),
+            ("/page.js", _Text, {"kind": "text/javascript", "text": lambda: SCRIPT}),
+            ("/facts", _Text, {"kind": "text/html", "text": facts}),
         ],
         extra_websocket_origins=gate.hosts,
     )
@@ -89,7 +92,7 @@ async def _serving(watched: Watched, door: Door, stop: MotorStop, ready: Callabl
     server = BaseServer(IOLoop.current(), application, streaming)
     server.start()
     door.open(stop, pass_on)
-    reading = PeriodicCallback(watched.read, EVERY_MS)
+    reading = PeriodicCallback(shown.read, EVERY_MS)
     reading.start()
     ended = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
@@ -102,7 +105,6 @@ async def _serving(watched: Watched, door: Door, stop: MotorStop, ready: Callabl
     server.stop()
     for http in (streaming, loading):
         await http.close_all_connections()
-    watched.close()
 
 
 class _Gated(BokehTornado):
@@ -115,48 +117,27 @@ class _Gated(BokehTornado):
 
     def find_handler(self, request: HTTPServerRequest, **more: Any) -> Any:
         if not self._gate.admits(request.path, request.headers):
-            return self.get_handler_delegate(request, _Denied, {"status": 403})
+            return self._denied(request, 403)
         if request.path.startswith(_PLOTS) and not request.path.endswith("/ws"):
             now_s = time.monotonic()
             if len(self._loaded_s) == _MOST_LOADS and now_s - self._loaded_s[0] < _WITHIN_S:
-                return self.get_handler_delegate(request, _Denied, {"status": 503})
+                return self._denied(request, 503)
             self._loaded_s.append(now_s)
         return super().find_handler(request, **more)
 
+    def _denied(self, request: HTTPServerRequest, status: int) -> Any:
+        return self.get_handler_delegate(request, _Text, {"text": lambda: _DENIALS[status], "status": status})
 
-class _Denied(RequestHandler):
-    def initialize(self, status: int) -> None:
+
+class _Text(RequestHandler):
+    """Answers any method, so that a denial does too."""
+
+    def initialize(self, text: Callable[[], str], kind: str = "text/plain", status: int = 200) -> None:
+        self._text, self._kind = text, kind
         self.set_status(status)
 
     def prepare(self) -> None:
-        self.finish(_DENIALS[self.get_status()])
-
-
-class _Page(RequestHandler):
-    def initialize(self, gate: Gate) -> None:
-        self._gate = gate
-
-    def set_default_headers(self) -> None:
         for name, value in HEADERS.items():
             self.set_header(name, value)
-
-    def get(self) -> None:
-        self.finish(page_html(self._gate))
-
-
-class _Script(RequestHandler):
-    def get(self) -> None:
-        self.set_header("Content-Type", "text/javascript; charset=utf-8")
-        self.set_header("Cache-Control", "no-store")
-        self.finish(SCRIPT)
-
-
-class _FactsPage(RequestHandler):
-    def initialize(self, watched: Watched, gate: Gate, stop: MotorStop) -> None:
-        self._watched, self._gate, self._stop = watched, gate, stop
-
-    def get(self) -> None:
-        if not self._watched.viewers:  # the plots were not loaded
-            self._watched.look_for_newer()
-        self.set_header("Cache-Control", "no-store")
-        self.finish(facts_html(self._watched.run, refused=self._gate.refused, stops=self._stop.vehicles()))
+        self.set_header("Content-Type", f"{self._kind}; charset=utf-8")
+        self.finish(self._text())

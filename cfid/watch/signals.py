@@ -1,19 +1,22 @@
 """Defines the signals of a run's devices: which columns are drawn together, and in which unit, from raw rows."""
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from itertools import groupby
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
+from cfid.recordings.crazyflie import crazyflie_unit
 from cfid.recordings.recording import ENCODER
 from cfid.recordings.sines import CROSSINGS
 from cfid.recordings.vehicle import COMMANDS, READINGS, SUPERVISOR, VEHICLE_LOG
 from cfid.recordings.wrench import AXES, LOADCELL, USUAL_COUNTS
 from cfid.records.run import DeviceRecord
 from cfid.watch.extremes import Extremes
-from cfid.wire.rls import RLS_13BIT_IN_22, STEPS_PER_TURN, decode_words
+from cfid.wire.rls import STEPS_PER_TURN, turns_of
 
 Array = npt.NDArray[np.float64]
 Convert = Callable[[Array], Array]
@@ -22,8 +25,8 @@ SCALE_MN = 1e3  # forces are drawn in mN, torques in mN m
 
 _START_S = 0.3  # motors are off for at least this long at the start of every recording with motors
 
-_STAMPS = {"t", "vehicle_ms", "vehicle_us", "device_us", "sample", "report", "status", "stable"}
-_UNITS = {"pm": "V", "gyro": "degrees/s", "acc": "g", "rpm": "rpm", "rtt_s": "s", "grams": "g"}
+_NO_VALUES = {"t", "vehicle_ms", "vehicle_us", "device_us", "sample", "report", "status", "stable", "withdrawn"}
+_UNITS = {"rpm": "rpm", "rtt_s": "s", "grams": "g"}
 _TITLES = {
     "pm": "battery",
     "motor": "motors, as the vehicle logs them",
@@ -32,27 +35,25 @@ _TITLES = {
     "grams": "weight on the scales",
     "thrust_rec": "command, as the vehicle reports it",
 }
-_BESIDE = {READINGS: {"command", "withdrawn"}}  # columns of a device that state what a value belongs to
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True)
 class Trace:
     """Curves drawn together: `convert` makes their values (n, c) from a device's rows (n, columns).
 
-    Curves that are `steps` hold their value until the next row.
+    Curves in `steps` hold their value until the next row; `marks` show single rows, between which no line may be.
     """
 
-    device: str
     title: str
     unit: str
     names: tuple[str, ...]
     convert: Convert
-    steps: bool = False
+    style: Literal["line", "steps", "marks"] = "line"
     extremes: Extremes = field(init=False)
 
     def __post_init__(self) -> None:
         """Start without a sample."""
-        object.__setattr__(self, "extremes", Extremes(len(self.names)))
+        self.extremes = Extremes(len(self.names))
 
     def add(self, time_s: Array, rows: Array) -> None:
         """Add a device's rows at times (n,)."""
@@ -64,48 +65,42 @@ def signals_of(device: str, record: DeviceRecord, *, rests: bool) -> list[Trace]
 
     A load cell that `rests` at first, unloaded, is drawn without its bias.
     """
-    facts = record.model_extra or {}
     if device == ENCODER and "phi" in record.columns:
-        convert = _Angle(record, place=record.columns.index("phi"))
-        return [Trace(device=device, title="angle", unit="degrees", names=("angle",), convert=convert)]
+        return [Trace(title="angle", unit="degrees", names=("angle",), convert=_Angle(record))]
     if device == LOADCELL and set(AXES) <= set(record.columns):
-        in_si = facts.get("units") == "n,nm"
-        per_n, per_nm = (float(facts.get(f"counts_per_{unit}") or USUAL_COUNTS) for unit in ("n", "nm"))
-        scales = (SCALE_MN, SCALE_MN) if in_si else (SCALE_MN / per_n, SCALE_MN / per_nm)
-        kinds = (
-            ("forces", "mN", AXES[:3], _picked(record, AXES[:3], scales[0])),
-            ("torques", "mN m", AXES[3:], _picked(record, AXES[3:], scales[1])),
-        )
-        return [
-            Trace(
-                device=device,
-                title=f"{title}, less those of the first {_START_S:g} s" if rests else title,
-                unit=unit,
-                names=axes,
-                convert=_SinceStart(convert) if rests else convert,
-            )
-            for title, unit, axes, convert in kinds
-        ]
+        return [_of_cell(record, AXES[:3], rests=rests), _of_cell(record, AXES[3:], rests=rests)]
     if device == SUPERVISOR:  # its states are words, not values to draw
         return []
     return list(_groups(device, record))
 
 
+def _of_cell(record: DeviceRecord, axes: tuple[str, ...], *, rests: bool) -> Trace:
+    facts = record.model_extra or {}
+    title, unit, scale = ("forces", "mN", "counts_per_n") if axes[0] == "Fx" else ("torques", "mN m", "counts_per_nm")
+    per_unit = 1.0 if facts.get("units") == "n,nm" else float(facts.get(scale) or USUAL_COUNTS)
+    convert = _picked(record, axes, SCALE_MN / per_unit)
+    if not rests:
+        return Trace(title=title, unit=unit, names=axes, convert=convert)
+    title = f"{title}, less those of the first {_START_S:g} s"
+    return Trace(title=title, unit=unit, names=axes, convert=_SinceStart(convert))
+
+
 def _groups(device: str, record: DeviceRecord) -> Iterator[Trace]:
     """Yield a signal for each group of a vehicle's variables (`gyro.x`, `gyro.y`), else one for all columns."""
-    names = [name for name in record.columns if name not in _STAMPS | _BESIDE.get(device, set())]
+    labels = {"command"} if device == READINGS else set()  # which a reading belongs to
+    names = [name for name in record.columns if name not in _NO_VALUES | labels]
     if device == VEHICLE_LOG:
         groups = [(group, tuple(members)) for group, members in groupby(names, lambda name: name.partition(".")[0])]
     else:
         groups = [(names[0] if len(names) == 1 else device, tuple(names))] if names else []
     for group, members in groups:
+        unit = _UNITS.get(group) or crazyflie_unit(members[0])
         yield Trace(
-            device=device,
             title=_TITLES.get(group, group),
-            unit=_UNITS.get(group, ""),
+            unit="" if unit == "1" else unit,
             names=members,
             convert=_picked(record, members, 1.0),
-            steps=device in (COMMANDS, CROSSINGS),
+            style="steps" if device in (COMMANDS, CROSSINGS) else "marks" if device == READINGS else "line",
         )
 
 
@@ -118,16 +113,13 @@ class _SinceStart:
     """Values less their mean over the first moment: a load cell's bias would hide what changes."""
 
     def __init__(self, convert: Convert) -> None:
-        self._convert = convert
+        self._convert, self._until_s = convert, math.nan
         self._sum: Array | float = 0.0
         self._count: Array | float = 0.0
-        self._until_s = -np.inf
 
     def __call__(self, rows: Array) -> Array:
         values = self._convert(rows)
-        if not len(rows):
-            return values
-        if not np.isfinite(self._until_s):
+        if math.isnan(self._until_s):
             self._until_s = float(rows[0, 0]) + _START_S
         early = values[rows[:, 0] < self._until_s]
         self._sum = self._sum + np.nansum(early, axis=0)
@@ -138,26 +130,19 @@ class _SinceStart:
 class _Angle:
     """Converts counts to a continuous angle in degrees; words that fail their check are left out."""
 
-    def __init__(self, record: DeviceRecord, *, place: int) -> None:
-        self._place, self._scale = place, record.counts_per_turn
-        self._in_radians = (record.model_extra or {}).get("angle_unit") == "rad"
-        self._last_turns: float | None = None
+    def __init__(self, record: DeviceRecord) -> None:
+        in_radians = (record.model_extra or {}).get("angle_unit") == "rad"
+        self._counts = math.tau if in_radians else record.counts_per_turn or STEPS_PER_TURN
+        self._place, self._last_turns = record.columns.index("phi"), math.nan
 
     def __call__(self, rows: Array) -> Array:
-        value = rows[:, self._place]
-        if self._in_radians:
-            return np.degrees(value)[:, np.newaxis]
-        turns = self._turns(value)
-        good = np.flatnonzero(np.isfinite(turns))
+        turns, valid = turns_of(rows[:, self._place], self._counts)
+        good = turns[valid]
         if len(good):
-            before = turns[good[0]] if self._last_turns is None else self._last_turns
-            steps = np.diff(turns[good], prepend=before)
-            turns[good] = before + np.cumsum(steps - np.round(steps))
-            self._last_turns = float(turns[good[-1]])
-        return 360 * turns[:, np.newaxis]
-
-    def _turns(self, value: Array) -> Array:
-        if self._scale == RLS_13BIT_IN_22:
-            words = decode_words(np.nan_to_num(value, nan=-1.0).astype(np.int64))
-            return np.where(words.valid, words.position / STEPS_PER_TURN, np.nan)
-        return value / float(self._scale or STEPS_PER_TURN)
+            before = good[0] if math.isnan(self._last_turns) else self._last_turns
+            steps = np.diff(good, prepend=before)
+            good = before + np.cumsum(steps - np.round(steps))
+            self._last_turns = float(good[-1])
+        degrees = np.full((len(turns), 1), np.nan)
+        degrees[valid, 0] = 360 * good
+        return degrees

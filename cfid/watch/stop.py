@@ -3,19 +3,19 @@
 import subprocess
 import threading
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
 from cfid.console.processes import cfid_command
-from cfid.errors import ConfigError
+from cfid.errors import ConfigError, DataError
 from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import load_rig
+from cfid.records.run import RECORDER_FILE, RunHeader, read_run
 from cfid.rig.lock import resolved, vehicles_locked
 from cfid.rig.sim_file import devices_in
 from cfid.rig.stop import MAY_BE_RUNNING
-from cfid.watch.driven import vehicles_of
-from cfid.watch.live_run import LiveRun
-from cfid.watch.watched import Watched
+from cfid.watch.live_run import LiveRun, ShownRun
 
 _LONGEST_S = 30.0  # a holder of a radio is given some seconds, a vehicle that does not answer some more
 
@@ -30,9 +30,9 @@ class StopReport(NamedTuple):
 class MotorStop:
     """The stop of the vehicles that a page is about. A press of the button while a stop runs gets its result."""
 
-    def __init__(self, watched: Watched, campaign: Path | None) -> None:
+    def __init__(self, shown: ShownRun, campaign: Path | None) -> None:
         """Take what the page shows, and the folder of its campaign, None where there is none."""
-        self._watched, self._campaign = watched, campaign
+        self._shown, self._campaign = shown, campaign
         self._pressed = threading.Lock()
         self._processes = ThreadPoolExecutor()
         self._running: Future[StopReport] | None = None
@@ -43,9 +43,9 @@ class MotorStop:
         They are the vehicles that the shown run and those recorded beside it drive. Where none is driven, they are the
         one that the shown run drove, and the one that its campaign's rig.toml names: it may run without a recording.
         """
-        run = self._watched.run
-        if run is not None and run.driven:
-            return run.driven
+        run = self._shown.run
+        if driven := vehicles_driven(run):
+            return driven
         drove = () if run is None else vehicles_of(run.header)
         return tuple({resolved(uri): uri for uri in (*drove, *self._named(run))}.values())
 
@@ -56,35 +56,36 @@ class MotorStop:
         """
         with self._pressed:
             if self._running is None or self._running.done():
-                self._watched.look_for_newer()  # nothing has looked where the plots were not loaded
-                self._running = self._processes.submit(self._stopped)
+                self._shown.look()  # nothing has looked where the plots were not loaded
+                self._running = self._processes.submit(self._stop)
         return self._running.result()
 
-    def _stopped(self) -> StopReport:
-        run, vehicles = self._watched.run, self.vehicles()
-        failed = "NOT STOPPED" if run is None or not run.driven else MAY_BE_RUNNING
+    def _stop(self) -> StopReport:
+        run, vehicles = self._shown.run, self.vehicles()
+        failed = MAY_BE_RUNNING if vehicles_driven(run) else "NOT STOPPED"
         campaign = self._campaign_of(run)
         where = [] if campaign is None else ["--campaign", str(campaign)]
         if not vehicles:
             if others := vehicles_locked():
                 advice = ", or ".join(f"cfid motors stop --uri {uri}" for uri in others)
                 return StopReport(False, f"{failed}: no run here has a vehicle. Programs hold others: {advice}.")
-            return _stop(where, failed)
-        reports = list(self._processes.map(lambda uri: _stop([f"--uri={uri}", *where], failed), vehicles))
-        lines = [
-            line for report in reports for line in report.text.splitlines() if not _asks_for_one_of(line, vehicles)
-        ]
+            return _stopped_by([], where, failed)
+        reports = list(self._processes.map(lambda uri: _stopped_by([f"--uri={uri}"], where, failed), vehicles))
+        # Each of these vehicles is stopped by a process of its own, so that the advice to stop it is void.
+        void = tuple(f"cfid motors stop --uri {resolved(uri)}" for uri in vehicles)
+        lines = [line for report in reports for line in report.text.splitlines() if not line.endswith(void)]
         return StopReport(all(report.stopped for report in reports), "\n".join(lines))
 
     def _named(self, run: LiveRun | None) -> tuple[str, ...]:
         """Return the vehicle that the campaign's rig.toml names; none where it names none, or is invalid."""
         campaign = self._campaign_of(run)
+        if campaign is None:
+            return ()
         try:
-            rig = None if campaign is None else load_rig(campaign / RIG_FILE)
-            uri = "" if campaign is None or rig is None else devices_in(campaign, rig)[0].crazyflie.uri
+            devices, _ = devices_in(campaign, load_rig(campaign / RIG_FILE))
         except ConfigError:
             return ()
-        return (uri,) if uri else ()
+        return (devices.crazyflie.uri,) if devices.crazyflie.uri else ()
 
     def _campaign_of(self, run: LiveRun | None) -> Path | None:
         """Return the folder of a run's campaign, else the page's; its rig.toml need not be valid."""
@@ -92,11 +93,34 @@ class MotorStop:
         return folder if folder is not None and (folder / RIG_FILE).is_file() else self._campaign
 
 
-def _stop(words: list[str], failed: str) -> StopReport:
+def vehicles_of(header: RunHeader) -> tuple[str, ...]:
+    """Return the addresses of the vehicles among a run's devices: each device that uses one states it."""
+    stated = [(device.model_extra or {}).get("uri") for device in header.devices.values()]
+    return tuple(dict.fromkeys(uri for uri in stated if isinstance(uri, str)))
+
+
+def vehicles_driven(run: LiveRun | None) -> tuple[str, ...]:
+    """Return the vehicles that a run drives, or drove when it was cut, then those that the runs beside it drive.
+
+    Those are held by a program of this computer for a run of the same folder that is not closed. A recorder that hangs
+    holds its vehicle too; a run that was cut a week ago states "recording" and holds none.
+    """
+    if run is None:
+        return ()
+    vehicles = dict.fromkeys(vehicles_of(run.header) if run.recording else ())
+    locked = {*vehicles_locked()} - {resolved(uri) for uri in vehicles}
+    for path in sorted(run.folder.resolve().parent.glob(f"*/{RECORDER_FILE}"), reverse=True) if locked else ():
+        with suppress(DataError):  # it begins or ends just now: the next call tries again
+            stated = vehicles_of(read_run(path.parent).header)
+            vehicles.update(dict.fromkeys(uri for uri in stated if resolved(uri) in locked))
+    return tuple(vehicles)
+
+
+def _stopped_by(vehicle: list[str], where: list[str], failed: str) -> StopReport:
     """Run `cfid motors stop` with these options; `failed` begins the text of a failure that states no danger itself."""
     try:
         ended = subprocess.run(
-            cfid_command("motors", "stop", *words),
+            cfid_command("motors", "stop", *vehicle, *where),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
@@ -112,8 +136,3 @@ def _stop(words: list[str], failed: str) -> StopReport:
     if ended.returncode == 0 or MAY_BE_RUNNING in text:
         return StopReport(ended.returncode == 0, text)
     return StopReport(False, f"{failed}: {text}")
-
-
-def _asks_for_one_of(line: str, vehicles: tuple[str, ...]) -> bool:
-    """Return whether a line advises stopping one of these vehicles, each of which has its own stopping process."""
-    return any(line.endswith(f"cfid motors stop --uri {resolved(uri)}") for uri in vehicles)

@@ -1,11 +1,11 @@
-"""Encodes and decodes the encoder's 22-bit words, each of which holds a 13-bit position.
+"""Encodes and decodes the encoder's 22-bit words, each of which holds a 13-bit position, and converts counts to turns.
 
 The thesis scaled by its largest reading, 4194047 = 0x3FFEFF (section 2.4.4). That number is not a resolution but a
 pattern: a position p of 13 bits, read as a 22-bit word that repeats itself after a zero bit,
 raw = (p << 9) | (p >> 5). So 8192 steps make a turn and every sample carries its own check.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -46,3 +46,18 @@ def decode_words(word: npt.NDArray[np.int64]) -> Positions:
     # A negative number, or one beyond 22 bits, has a top that no low byte repeats.
     repeats = (word & _REPEATED_MASK) == (word >> (WORD_BITS - REPEATED_BITS))
     return Positions(position=word >> _SHIFT, valid=gap_is_zero & repeats)
+
+
+class Turns(NamedTuple):
+    """Angles in turns, and which samples are valid: all where they are no words with a check of their own."""
+
+    turns: npt.NDArray[np.float64]
+    valid: npt.NDArray[np.bool_]
+
+
+def turns_of(counts: npt.NDArray[Any], counts_per_turn: float | str) -> Turns:
+    """Return recorded counts of any shape in turns; `counts_per_turn` is a number, or the name of the words."""
+    if counts_per_turn != RLS_13BIT_IN_22:
+        return Turns(counts / float(counts_per_turn), np.isfinite(counts))
+    words = decode_words(np.nan_to_num(counts, nan=-1.0).astype(np.int64))
+    return Turns(words.position / STEPS_PER_TURN, words.valid)

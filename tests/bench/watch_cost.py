@@ -26,9 +26,9 @@ SECONDS = float(os.environ.get("BENCH_SECONDS", "10"))
 PAIRS = 3
 TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 CFID = (sys.executable, "-m", "cfid.cli.main")
-SHOWN = "window.Bokeh?.documents[0]?.get_model_by_name('time')?.tags.length"
+SHOWN = "window.Bokeh?.documents[0]?.get_model_by_name('time')?.end > 1"
 COUNT = """(() => { window.pictures = 0; const time = Bokeh.documents[0].get_model_by_name('time');
-  time.properties.tags.change.connect(() => { window.pictures += time.tags[0] === 'sent' }) })()"""
+  time.properties.end.change.connect(() => requestAnimationFrame(() => { window.pictures += 1 })) })()"""
 
 
 def used_s(process: "subprocess.Popen[str]") -> float:

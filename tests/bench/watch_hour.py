@@ -18,7 +18,7 @@ from cfid.recordings.wrench import AXES, LOADCELL
 from cfid.records.run import DeviceRecord, Label
 from cfid.records.run_writer import create_run
 from cfid.watch.live_run import LiveRun
-from cfid.watch.plots import BINS
+from cfid.watch.picture import BINS
 
 RATE_HZ = 7000
 MARKS_MIN = (1, 10, 60)

@@ -2,89 +2,64 @@
 
 import pytest
 
-from cfid.watch.gate import Gate
+from cfid.watch.door import Gate
 
-OWN = {"Host": "127.0.0.1:5006"}
+HOST = "127.0.0.1:5006"
+OWN, OTHER = f"http://{HOST}", "http://evil.example"
+TOKEN = "the gate's own"
 
 
 @pytest.fixture
 def gate() -> Gate:
-    return Gate(5006)
+    gate = Gate(5006)
+    assert gate.token != Gate(5006).token
+    gate.token = TOKEN
+    return gate
 
 
 @pytest.mark.parametrize(
-    "headers",
+    ("path", "headers"),
     [
-        OWN,
-        {"Host": "localhost:5006"},
-        {**OWN, "Origin": "http://127.0.0.1:5006"},
-        {**OWN, "Origin": "http://localhost:5006"},
+        ("/", {}),
+        ("/", {"Host": "localhost:5006"}),
+        ("/", {"Origin": "http://localhost:5006"}),
+        ("/plots/ws", {"Origin": OWN}),
+        *((path, {"Sec-Fetch-Site": site}) for path in ("/", "/facts", "/plots/x") for site in ("same-origin", "none")),
+        ("/facts", {"X-Cfid-Token": TOKEN}),
     ],
 )
-def test_the_own_page_is_let_in(gate: Gate, headers: dict[str, str]) -> None:
-    assert gate.admits("/", headers)
+def test_the_own_page_and_who_knows_its_token_are_let_in(gate: Gate, path: str, headers: dict[str, str]) -> None:
+    assert gate.admits(path, {"Host": HOST, **headers})
     assert gate.refused == 0
 
 
-@pytest.mark.parametrize("origin", ["http://127.0.0.1:5006", "http://localhost:5006"])
-def test_what_states_the_origin_of_the_page_is_let_in(gate: Gate, origin: str) -> None:
-    assert gate.admits("/plots/ws", {**OWN, "Origin": origin})
-
-
-@pytest.mark.parametrize("path", ["/", "/facts", "/plots/autoload.js"])
-@pytest.mark.parametrize("site", ["same-origin", "none"])
-def test_what_a_browser_loads_for_the_page_is_let_in(gate: Gate, path: str, site: str) -> None:
-    assert gate.admits(path, {**OWN, "Sec-Fetch-Site": site})
-
-
-@pytest.mark.parametrize("path", ["/", "/facts", "/plots/autoload.js"])
-@pytest.mark.parametrize("site", ["cross-site", "same-site", ""])
-def test_what_another_page_loads_is_refused(gate: Gate, path: str, site: str) -> None:
-    assert not gate.admits(path, {**OWN, "Sec-Fetch-Site": site})
+@pytest.mark.parametrize(
+    ("path", "headers"),
+    [
+        *(("/", {"Host": host}) for host in ("", "evil.example:5006", "127.0.0.1", "127.0.0.1:5007", f"{HOST}.evil")),
+        *(("/", {"Origin": origin}) for origin in ("", "null", OTHER, "http://127.0.0.1:5007", f"https://{HOST}")),
+        *((path, {"Sec-Fetch-Site": site}) for path in ("/", "/facts") for site in ("cross-site", "same-site", "")),
+        *((path, {}) for path in ("/facts", "/page.js", "/plots/autoload.js")),
+        *(("/facts", {"X-Cfid-Token": token}) for token in ("", "guessed", "\udcff", "ü")),
+        ("/facts", {"X-Cfid-Token": TOKEN, "Origin": OTHER}),
+        ("/facts", {"X-Cfid-Token": TOKEN, "Host": "evil.example:5006"}),
+    ],
+)
+def test_all_others_are_refused_and_counted(gate: Gate, path: str, headers: dict[str, str]) -> None:
+    assert not gate.admits(path, {"Host": HOST, **headers})
     assert gate.refused == 1
-
-
-@pytest.mark.parametrize("path", ["/facts", "/page.js", "/plots/autoload.js"])
-def test_a_program_needs_the_token_for_all_but_the_page(gate: Gate, path: str) -> None:
-    assert not gate.admits(path, OWN)
-    assert not gate.admits(path, {**OWN, "X-Cfid-Token": "guessed"})
-    assert gate.admits(path, {**OWN, "X-Cfid-Token": gate.token})
-    assert not gate.admits(path, {**OWN, "X-Cfid-Token": gate.token, "Origin": "http://evil.example"})
 
 
 @pytest.mark.parametrize(
     "headers",
     [
-        {},
+        *({"Origin": origin} for origin in ("", "null", OTHER, "http://127.0.0.1:1")),
+        *({"X-Cfid-Token": token} for token in ("", "guessed", "\udcff", "ü")),
         {"Host": "evil.example:5006"},
-        {"Host": "127.0.0.1"},
-        {"Host": "127.0.0.1:5007"},
-        {"Host": "127.0.0.1:5006.evil.example"},
-        {**OWN, "Origin": "http://evil.example"},
-        {**OWN, "Origin": "http://127.0.0.1:5007"},
-        {**OWN, "Origin": "https://127.0.0.1:5006"},
-        {**OWN, "Origin": "null"},
-        {**OWN, "Origin": ""},
     ],
 )
-def test_other_names_and_other_pages_are_refused_and_counted(gate: Gate, headers: dict[str, str]) -> None:
-    assert not gate.admits("/", headers)
+def test_a_stop_needs_host_origin_and_token_of_the_page(gate: Gate, headers: dict[str, str]) -> None:
+    own = {"Host": HOST, "Origin": OWN, "X-Cfid-Token": TOKEN}
+    assert gate.admits_stop(own)
+    assert not gate.admits_stop({**own, **headers})
     assert gate.refused == 1
-
-
-@pytest.mark.parametrize("origin", ["", "null", "http://evil.example", "http://127.0.0.1:1"])
-def test_a_stop_needs_the_origin_of_the_page(gate: Gate, origin: str) -> None:
-    assert not gate.admits_stop({**OWN, "Origin": origin, "X-Cfid-Token": gate.token})
-    assert gate.refused == 1
-
-
-@pytest.mark.parametrize("token", ["", "guessed", "\udcff", "ü"])
-def test_a_stop_needs_the_token_of_the_page(gate: Gate, token: str) -> None:
-    headers = {**OWN, "Origin": "http://127.0.0.1:5006"}
-    assert not gate.admits_stop({**headers, "X-Cfid-Token": token})
-    assert gate.admits_stop({**headers, "X-Cfid-Token": gate.token})
-    assert gate.refused == 1
-
-
-def test_every_server_has_a_token_of_its_own() -> None:
-    assert Gate(1).token != Gate(1).token

@@ -1,6 +1,5 @@
 """A viewer's picture follows the recording, and stays where it was paused."""
 
-from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -11,10 +10,8 @@ from bokeh.models import RadioButtonGroup, Range1d, Toggle
 
 from cfid.records.run import DeviceRecord, Label
 from cfid.records.run_writer import create_run
+from cfid.watch.live_run import ShownRun
 from cfid.watch.picture import TIME, Picture
-from cfid.watch.watched import Watched
-
-Seen = tuple[Picture, Watched, Document]
 
 
 def swing(folder: Path, *, seconds: float) -> Path:
@@ -28,62 +25,60 @@ def swing(folder: Path, *, seconds: float) -> Path:
     return writer.folder
 
 
+class View:
+    """A run of 100 s on a viewer's page."""
+
+    def __init__(self, folder: Path) -> None:
+        swing(folder, seconds=100)
+        self.shown, document = ShownRun(folder=None, runs_folder=folder), Document()
+        self.picture = Picture(document, self.shown, dark=False)
+        self.turn()
+        self.pause, self.spans = (document.select_one({"type": kind}) for kind in (Toggle, RadioButtonGroup))
+        self.time = document.select_one({"type": Range1d, "name": TIME})
+
+    def turn(self) -> None:
+        """Look for another run, read it, and draw it."""
+        self.shown._next_look_s = 0.0
+        self.shown.read()
+        self.picture.draw()
+
+
 @pytest.fixture
-def viewed(tmp_path: Path) -> Seen:
-    """Return the picture of a run of 100 s, with the watched folder and the document."""
-    swing(tmp_path, seconds=100)
-    watched, document = Watched(folder=None, runs_folder=tmp_path), Document()
-    picture = Picture(document, watched, dark=False)
-    read_until(watched, lambda: watched.run is not None and watched.run.now_s > 99)
-    picture.draw()
-    return picture, watched, document
+def view(tmp_path: Path) -> View:
+    return View(tmp_path)
 
 
-def read_until(watched: Watched, done: Callable[[], bool]) -> None:
-    for _ in range(1000):
-        watched._next_look_s = 0.0
-        watched.read()
-        if done():
-            return
-    pytest.fail("the run was not read")
-
-
-def shown(document: Document) -> tuple[float, float]:
-    """Answer like a browser that drew the last picture; return the start and the end of the time that it shows."""
-    span = document.select_one({"type": Range1d, "name": TIME})
-    assert isinstance(span, Range1d)
-    if span.tags:
-        span.tags = ["drawn", span.tags[1]]
-    return float(span.start), float(span.end)
-
-
-def test_a_paused_picture_stays_when_the_next_run_begins_and_names_it(viewed: Seen, tmp_path: Path) -> None:
-    picture, watched, document = viewed
-    pause = document.select_one({"type": Toggle})
-    assert isinstance(pause, Toggle)
-    pause.active = True
-    before = shown(document)
-    first = watched.run
+def test_a_paused_picture_stays_when_the_next_run_begins(view: View, tmp_path: Path) -> None:
+    assert (view.time.start, view.time.end) == pytest.approx((89.99, 99.99))
+    view.pause.active = True
+    label = view.pause.label
     swing(tmp_path, seconds=30)
-    read_until(watched, lambda: watched.run is not first)
-    picture.draw()
-    assert (pause.active, pause.label) == (True, "Paused: another run began")
-    assert shown(document) == before
+    view.turn()
+    assert view.pause.active
+    assert view.pause.label != label
+    assert view.time.end == pytest.approx(99.99)
 
-    pause.active = False
-    picture.draw()
-    assert (pause.active, pause.label) == (False, "Pause")
-    assert shown(document)[1] < 31
+    view.pause.active = False
+    view.turn()
+    assert (view.pause.active, view.pause.label) == (False, label)
+    assert view.time.end == pytest.approx(29.99)
 
 
-def test_another_span_follows_the_newest_rows_again(viewed: Seen) -> None:
-    picture, _, document = viewed
-    pause, span = document.select_one({"type": Toggle}), document.select_one({"type": RadioButtonGroup})
-    assert isinstance(pause, Toggle)
-    assert isinstance(span, RadioButtonGroup)
-    pause.active = True
-    span.active = 1
-    picture.draw()
-    begin, end = shown(document)
-    assert not pause.active
-    assert end - begin == pytest.approx(60.0)
+def test_a_zoom_pauses_at_its_place_and_another_span_follows_again(view: View) -> None:
+    view.time.start = 95.0
+    view.turn()
+    assert view.pause.active
+    assert (view.time.start, view.time.end) == pytest.approx((95.0, 99.99))
+
+    view.spans.active = 1
+    view.turn()
+    assert not view.pause.active
+    assert view.time.end - view.time.start == pytest.approx(60.0)
+
+
+def test_nothing_is_read_for_nobody(view: View, tmp_path: Path) -> None:
+    run = view.shown.run
+    view.shown.viewers = 0
+    swing(tmp_path, seconds=30)
+    view.turn()
+    assert view.shown.run is run

@@ -5,7 +5,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cfid.wire.rls import STEPS_PER_TURN, WORD_COUNTS_PER_TURN, decode_words, encode_positions
+from cfid.wire.rls import (
+    RLS_13BIT_IN_22,
+    STEPS_PER_TURN,
+    WORD_COUNTS_PER_TURN,
+    decode_words,
+    encode_positions,
+    turns_of,
+)
 
 POSITIONS = np.arange(STEPS_PER_TURN)
 UNPROTECTED = range(9, 14)  # bits 0 to 7 repeat bits 14 to 21, bit 8 is zero
@@ -51,7 +58,16 @@ def test_a_number_outside_of_22_bits_is_no_valid_word(word: int) -> None:
     assert not decode_words(np.array([word])).valid[0]
 
 
-@pytest.mark.parametrize("shape", [(2, 3), (0,)])
-def test_words_keep_their_shape(shape: tuple[int, ...]) -> None:
-    decoded = decode_words(np.full(shape, 4194047))
-    assert decoded.position.shape == decoded.valid.shape == shape
+def test_words_keep_their_shape() -> None:
+    decoded = decode_words(np.full((2, 3), 4194047))
+    assert decoded.position.shape == decoded.valid.shape == (2, 3)
+    assert decode_words(np.empty(0, dtype=np.int64)).position.shape == (0,)
+
+
+def test_counts_of_any_scale_become_turns() -> None:
+    words = np.append(encode_positions(np.array([0, 2048, 6144])).astype(float), [1.0, np.nan])
+
+    assert turns_of(np.array([0, 90, 540]), 360).turns.tolist() == [0.0, 0.25, 1.5]
+    assert turns_of(np.array([1.0, np.nan]), 2.0).valid.tolist() == [True, False]
+    assert turns_of(words, RLS_13BIT_IN_22).turns[:3].tolist() == [0.0, 0.25, 0.75]
+    assert turns_of(words, RLS_13BIT_IN_22).valid.tolist() == [True, True, True, False, False]
