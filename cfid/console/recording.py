@@ -106,7 +106,8 @@ def rig_of(folder: Path | None, *, or_real: bool = False) -> Rig:
     campaign, hardware = here(folder), present()
     devices, simulated = hardware.devices(campaign.folder, campaign.rig)
     if simulated:
-        note(f"the rig is simulated: {campaign.folder / SIM_FILE} points at it.")
+        file = campaign.folder / SIM_FILE
+        note(f"the rig is simulated{f': {file} points at it' if file.exists() else ''}.")
     elif is_left_behind(campaign.folder):
         gone = f"{campaign.folder / SIM_FILE}: no simulated rig holds it, as after a kill, or in a copy of a folder"
         if not or_real:
