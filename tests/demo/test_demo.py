@@ -8,15 +8,16 @@ import time
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.stats import binomtest
 
 from cfid.console.campaign import make_campaign
-from cfid.demo.fits import FITS, compared, covers, runs_by_kind
-from tests.offline.write import write_runs
+from cfid.demo.fits import compared, covers, runs_by_kind
+from cfid.demo.recordings import DROPS, SWINGS, Laboratory, experiments, winds
+from cfid.demo.truth import demo_truth, true_values
 from cfid.records.campaign import find_campaign
 from cfid.records.fits import Fit, list_fits
-from cfid.demo.truth import demo_truth, simulate_demo
 from tests.campaigns import Cfid, in_this_process
 from tests.fleet.test_refit import numbers as found_numbers
 from tests.kept import sections_at
@@ -35,7 +36,7 @@ SECTIONS = {
     "latency",
     "drag",
 }
-SEEDS = 50
+SEEDS = 12
 OPTIONS = (
     "fit inertia --peaks 12 --mass-kg 0.028:0.0001",
     "fit speed --markers 2",
@@ -53,8 +54,7 @@ def numbers(folder: Path, seed: int) -> list[tuple[str, float, float, float | No
     """Return the name, truth, estimate and standard uncertainty of each number that a demo found."""
     campaign = find_campaign(folder, start=folder)
     assert campaign is not None
-    truth, _ = simulate_demo(campaign.rig, demo_truth(seed), seed=seed)
-    return list(compared(campaign.values(), truth))
+    return list(compared(campaign.values(), true_values(demo_truth(seed), campaign.rig, seed=seed)))
 
 
 def fitted_here(folder: Path, seed: int) -> list[tuple[str, float, float, float | None]]:
@@ -62,12 +62,15 @@ def fitted_here(folder: Path, seed: int) -> list[tuple[str, float, float, float 
     make_campaign(folder)
     campaign = find_campaign(folder, start=folder)
     assert campaign is not None
-    truth, runs = simulate_demo(campaign.rig, demo_truth(seed), seed=seed)
-    write_runs(campaign, runs)
-    for words in FITS:
-        said = in_this_process([*words.format(**runs_by_kind(campaign)).split(), "--no-figures"], folder)
-        assert said.returncode == 0, said.stderr
-    return list(compared(campaign.values(), truth))
+    truth = demo_truth(seed)
+    laboratory = Laboratory(campaign, truth, seed=seed)
+    for recordings, fits in experiments(truth, seed=seed):
+        for recording in recordings:
+            laboratory.make(recording)
+        for words in fits:
+            said = in_this_process([*words.format(**runs_by_kind(campaign)).split(), "--no-figures"], folder)
+            assert said.returncode == 0, said.stderr
+    return numbers(folder, seed)
 
 
 @pytest.mark.slow  # the tutorial, which also runs as a test, starts with a demo too
@@ -148,6 +151,29 @@ def test_a_fleet_repeats_every_fit_with_its_options_to_the_last_bit(cfid: Cfid, 
     kept, made = (sections_at(tmp_path / one) for one in ("demo", "again/demo"))
     assert set(kept) >= SECTIONS
     assert found_numbers(made) == found_numbers(kept)
+
+
+def test_a_demo_records_what_an_operator_would_and_the_same_again(tmp_path: Path) -> None:
+    made = []
+    for name in ("one", "two"):
+        make_campaign(tmp_path / name)
+        campaign = find_campaign(tmp_path / name, start=tmp_path)
+        assert campaign is not None
+        laboratory = Laboratory(campaign, demo_truth(3), seed=3)
+        for recording in (SWINGS[0], DROPS[-1], winds(demo_truth(3), seed=3)[1]):
+            laboratory.make(recording)
+        made.append([run for run in campaign.runs() if run.header.simulated])
+    kinds = [run.header.kind for run in made[0]]
+    wind = made[0][-1]
+
+    assert kinds == ["swing", "drop", "wind"]
+    assert set(wind.header.devices) == {"commands", "loadcell", "crazyflie", "supervisor", "readings"}
+    assert wind.header.devices["readings"].rows == 5
+    for first, second in zip(*made, strict=True):
+        for device, record in first.header.devices.items():
+            rows, again = (pd.read_csv(run.device_file(device)).drop(columns="t") for run in (first, second))
+            assert record.rows, device
+            assert rows.equals(again), device
 
 
 @pytest.mark.slow
