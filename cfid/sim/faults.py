@@ -27,6 +27,14 @@ Count = Annotated[int, Field(ge=0)]
 Seconds = Annotated[float, Field(ge=0)]
 
 
+def _read_word(value: object) -> object:
+    """Read text as a decimal number or, with 0x before it, as a hexadecimal one."""
+    try:
+        return int(value, 0) if isinstance(value, str) else value
+    except ValueError:
+        raise ValueError("should be a whole number") from None
+
+
 class _Faults(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -53,9 +61,7 @@ class LoadCellFaults(_Faults):
     slow_s: Seconds = 0.0
     udp_blocked: bool = False
     status_after_s: Seconds | None = None
-    status: Annotated[
-        int, Field(ge=0, le=0xFFFFFFFF), BeforeValidator(lambda text: int(text, 0) if isinstance(text, str) else text)
-    ] = 0x80010000
+    status: Annotated[int, Field(ge=0, le=0xFFFFFFFF), BeforeValidator(_read_word)] = 0x80010000
     refuse_settings: bool = False
     saturate_after_s: Seconds | None = None
 

@@ -137,9 +137,9 @@ class NetFTBox:
         self.skipped_records = 0
         self._configurations = tuple(configurations or configurations_of(load_cell.truth))
         self._active = active
-        self._enabled = True
-        self._bias_counts: tuple[int, ...] = _UNBIASED
-        self._internal_hz, self._buffer_size = internal_hz, buffer_size
+        self.enabled = True
+        self.bias_counts: tuple[int, ...] = _UNBIASED
+        self._internal_hz, self.buffer_size = internal_hz, buffer_size
         self._step = self._step_of(rate_hz)
         self._plant = plant
         self._first_ft_sequence = first_ft_sequence
@@ -161,10 +161,10 @@ class NetFTBox:
         elif request.command == Command.RESET_THRESHOLD:
             self._reset_latch()
         self._stream = None
-        if request.command in (Command.REAL_TIME, Command.BUFFERED) and self._enabled:
+        if request.command in (Command.REAL_TIME, Command.BUFFERED) and self.enabled:
             self._stream = _Stream(
                 client=client,
-                block=self._buffer_size if request.command == Command.BUFFERED else 1,
+                block=self.buffer_size if request.command == Command.BUFFERED else 1,
                 step=self._step,
                 remaining=request.records or None,
                 next_tick=(self._tick(now_s) // self._step + 1) * self._step,
@@ -210,7 +210,7 @@ class NetFTBox:
             "prodname": _PRODUCT,
             "mfgdigver": _FIRMWARE,
             "setcfgsel": self._active,
-            "setbias": _joined(self._bias_counts),
+            "setbias": _joined(self.bias_counts),
             "cfgnam": shown.name,
             "cfgcalsn": shown.calibration_serial,
             "cfgcpf": shown.counts_per_force,
@@ -219,10 +219,10 @@ class NetFTBox:
             "scfgtu": shown.torque_unit,
             "cfgmr": _joined(shown.ranges),
             "cfgtfx": _joined(_UNBIASED),
-            "comrdte": "Enabled" if self._enabled else "Disabled",
+            "comrdte": "Enabled" if self.enabled else "Disabled",
             # Rounded down: setting the rate that is shown then changes nothing.
             "comrdtrate": self._internal_hz // self._step,
-            "comrdtbsiz": self._buffer_size,
+            "comrdtbsiz": self.buffer_size,
         }
         lines = (f"<{name}>{escape(str(text))}</{name}>" for name, text in tags.items())
         return "\n".join(('<?xml version="1.0" encoding="UTF-8"?>', "<netft>", *lines, "</netft>", ""))
@@ -267,10 +267,10 @@ class NetFTBox:
             self._step = self._step_of(rate_hz)
         buffer_size = _whole(query.get("comrdtbsiz"))
         if buffer_size is not None and 1 <= buffer_size <= LONGEST_BUFFER:
-            self._buffer_size = buffer_size
+            self.buffer_size = buffer_size
         if query.get("comrdte") in ("0", "1"):
-            self._enabled = query["comrdte"] == "1"
-        if not self._enabled:
+            self.enabled = query["comrdte"] == "1"
+        if not self.enabled:
             self._stream = None
 
     def _step_of(self, rate_hz: float) -> int:
@@ -325,7 +325,7 @@ class NetFTBox:
         self._set_bias((self.load_cell.software_bias + counts).tolist())
 
     def _set_bias(self, counts: Sequence[int]) -> None:
-        self._bias_counts = tuple(counts)
+        self.bias_counts = tuple(counts)
         self.load_cell.set_bias(counts)
 
     def _reset_latch(self) -> None:

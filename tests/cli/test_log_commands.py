@@ -122,13 +122,13 @@ def test_a_load_cell_is_biased_and_sends_singly_when_asked_to(lab: Lab) -> None:
     assert lab.facts("loadcell")["biased"]
     assert lab.facts("loadcell")["settings"]["buffer_size"] == 1
     assert abs(rows["Fz"].iloc[:20].mean()) < 5e5  # half a newton; the cell's own offset is 1.4 N
-    assert lab.facts("loadcell")["settings"]["bias"] == list(lab.box.box.settings.bias_counts)
-    assert any(lab.box.box.settings.bias_counts)
+    assert lab.facts("loadcell")["settings"]["bias"] == list(lab.box.box.bias_counts)
+    assert any(lab.box.box.bias_counts)
 
 
 def test_a_bias_that_the_box_does_not_show_is_told(lab: Lab) -> None:
     lab.loadcell_suffers(refuse_settings=True)
-    lab.box.box.settings.buffer_size = 1  # already the requested value, so that nothing else is set
+    lab.box.box.buffer_size = 1  # already the requested value, so that nothing else is set
 
     said = lab.cfid("log", "loadcell", "--bias", "--real-time", "--for", 0.3)
 
@@ -137,7 +137,7 @@ def test_a_bias_that_the_box_does_not_show_is_told(lab: Lab) -> None:
 
 
 def test_a_box_with_rdt_off_is_told_by_check_and_switched_on_by_log(lab: Lab) -> None:
-    lab.box.box.settings.enabled = False
+    lab.box.box.enabled = False
 
     checked = lab.cfid("rig", "check")
     said = lab.cfid("log", "loadcell", "--for", 0.3)

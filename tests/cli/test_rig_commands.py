@@ -29,7 +29,7 @@ def lab(tmp_path: Path) -> Iterator[Lab]:
 
 def test_a_sound_rig_is_ready_and_no_setting_is_changed(lab: Lab) -> None:
     lab.e201.word_bits = 18
-    lab.box.box.settings.buffer_size = 3
+    lab.box.box.buffer_size = 3
 
     ended = lab.cfid("rig", "check", "--json")
     content = json.loads(ended.out)
@@ -46,7 +46,7 @@ def test_a_sound_rig_is_ready_and_no_setting_is_changed(lab: Lab) -> None:
     assert {answer["state"] for answer in content["devices"]["loadcell"][:3]} == {"ok"}
     assert [answer["state"] for answer in content["devices"]["encoder"]] == ["ok", "warning"]
     assert lab.e201.word_bits == 18
-    assert lab.box.box.settings.buffer_size == 3
+    assert lab.box.box.buffer_size == 3
 
 
 def test_what_is_wrong_is_told_with_what_to_do(lab: Lab) -> None:

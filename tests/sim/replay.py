@@ -34,7 +34,7 @@ LATE_MS = 100  # how long a replay continues after the last line, for changes th
 APP_MS = 1.0  # how long packets for the app wait in its queue
 RAW = ("link source",)  # the note on the first raw request
 POLL = Packet(9, 0, b"\x0c")
-WORD, LOG_CONTROL, ALIVE = (9, 0), (5, 1), (12, 2)
+WORD, LOG_CONTROL, ROW, ALIVE = (9, 0), (5, 1), (5, 2), (12, 2)
 CREATE, APPEND = 6, 7  # a log block
 
 # The recorded vehicle's numbers for the parameters that the traces name.

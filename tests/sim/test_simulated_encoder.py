@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.offline.encoder import EncoderModel, record
 from cfid.sim.plants import HandRelease, Pendulum, swing
 from cfid.wire.rls import decode_words
+from tests.offline.encoder import EncoderModel, record
 
 Array = npt.NDArray[np.float64]
 

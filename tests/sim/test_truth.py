@@ -11,17 +11,16 @@ import pytest
 
 from cfid.errors import ConfigError
 from cfid.records.rig_file import thesis_rig
-from tests.offline.motors import ping_run, shown_rpm
-from tests.offline.wind import wind_run
-from tests.offline.encoder import EncoderModel, record
 from cfid.sim.link import Direction
 from cfid.sim.loadcell import WARM_UP_S, SimulatedLoadCell
 from cfid.sim.plants import DroppingWeight, HandRelease, Motion, Pendulum, drop, swing
 from cfid.sim.propulsion import Battery, SimulatedRotors
-from tests.offline.stand import simulate_stand
 from cfid.sim.swing import Axis, Truth, pendulum
-from tests.offline.encoder import record_swings
 from cfid.sim.truth import IMPERFECTIONS, Imperfection, SimTruth, draw, draw_vehicle, imperfection, load_truth
+from tests.offline.encoder import EncoderModel, record, record_swings
+from tests.offline.motors import ping_run, shown_rpm
+from tests.offline.stand import simulate_stand
+from tests.offline.wind import wind_run
 from tests.places import ROOT
 
 Array = npt.NDArray[np.float64]

@@ -1,4 +1,4 @@
-"""The simulated battery, and the rotors that it feeds."""
+"""Motors, battery, rotors and wind settle, lag, sag, vibrate and push as their closed forms state."""
 
 import math
 
@@ -8,7 +8,80 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from cfid.sim.propulsion import STILL, Battery, BatteryTruth, Four, Propulsion, RotorTruth, SimulatedRotors
+from cfid.sim.propulsion import STILL, Battery, BatteryTruth, Four, Propulsion, RotorTruth, SimulatedRotors, WindTruth
+
+SMOOTH = RotorTruth(unbalance=(0.0,) * 6, blade_pass=(0.0,) * 6)
+HZ = 7000
+SECOND = np.arange(HZ) / HZ
+ONLY_FIRST = np.array([40000.0, 0, 0, 0])
+ALL = np.full(4, 40000.0)
+
+
+def _rotors(truth: RotorTruth = SMOOTH) -> SimulatedRotors:
+    return SimulatedRotors(truth, np.random.default_rng(3))
+
+
+def test_one_motor_lifts_and_tilts_and_twists_as_its_place_and_sense_of_rotation_say() -> None:
+    wrench = _rotors().advance(SECOND, ONLY_FIRST)[-1]
+    thrust_n = 1.8e-8 * (381.0 + 0.0408 * 40000) ** 2
+    arm_m = 0.046 / math.sqrt(2)
+    np.testing.assert_allclose(wrench, thrust_n * np.array([0, 0, 1, -arm_m, -arm_m, -0.006]), rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("command", "thesis_n"),
+    [(20000, 0.029722), (40000, 0.075939), (60000, 0.139197)],  # 2.130295e-11 u^2 + 1.032633e-6 u + 5.48456e-4
+)
+def test_thrust_is_near_the_thesis_polynomial(command: float, thesis_n: float) -> None:
+    wrench = _rotors().advance(SECOND, np.array([command, 0, 0, 0]))[-1]
+    assert wrench[2] == pytest.approx(thesis_n, rel=0.2)
+
+
+def test_below_the_dead_zone_a_rotor_stands() -> None:
+    rotors = _rotors()
+    assert not rotors.advance(SECOND, np.full(4, 999.0)).any()
+    assert not rotors.speed_rad_per_s.any()
+
+
+def test_speed_has_covered_63_percent_after_the_time_constant() -> None:
+    rotors = _rotors()
+    rotors.advance(np.array([0.0]), ALL)
+    rotors.advance(np.array([0.06]), ALL)
+    steady = 381.0 + 0.0408 * 40000
+    np.testing.assert_allclose(rotors.speed_rad_per_s, (1 - math.exp(-1)) * steady)
+
+
+@given(cuts=st.lists(st.integers(1, 999), max_size=6))
+def test_the_slicing_into_calls_changes_nothing(cuts: list[int]) -> None:
+    time_s = np.arange(1000) / HZ
+    whole = _rotors(RotorTruth()).advance(time_s, ALL)
+    rotors = _rotors(RotorTruth())
+    parts = [rotors.advance(part, ALL) for part in np.split(time_s, sorted(set(cuts)))]
+    np.testing.assert_allclose(np.vstack(parts), whole, atol=1e-9)
+
+
+def test_a_stopped_rotor_comes_to_rest_and_all_forces_vanish() -> None:
+    rotors = _rotors(RotorTruth())
+    rotors.advance(SECOND, ALL)
+    rotors.advance(1 + SECOND, np.zeros(4))
+    assert not rotors.advance(2 + SECOND, np.zeros(4)).any()
+
+
+def test_vibration_stands_at_rotor_and_blade_frequency_alone() -> None:
+    rotors = _rotors(RotorTruth())
+    rotors.advance(SECOND, ONLY_FIRST)
+    spectrum = np.abs(np.fft.rfft(rotors.advance(1 + SECOND, ONLY_FIRST)[:, 2] * np.hanning(HZ)))
+    rotor_hz = (381.0 + 0.0408 * 40000) / math.tau
+    loudest = np.argsort(spectrum[10:])[::-1][:4] + 10
+    for hz in loudest:
+        assert min(abs(hz - rotor_hz), abs(hz - 2 * rotor_hz)) < 2
+    away = np.ones(len(spectrum), bool)
+    for line in (0, rotor_hz, 2 * rotor_hz):
+        away[max(0, int(line) - 10) : int(line) + 11] = False
+    assert spectrum[away].max() < 1e-3 * spectrum[loudest].max()
+
+
+# The battery
 
 SUPPLY = BatteryTruth()
 LIPO = BatteryTruth(kind="lipo")
@@ -122,3 +195,39 @@ def test_commands_that_no_load_cell_saw_are_caught_up_with() -> None:
         propulsion.command((command,) * 4, place / 500)
     propulsion.wrench_at(np.array([10.0]))
     np.testing.assert_allclose(propulsion._rotors.speed_rad_per_s, propulsion.speed_rad_per_s(10.0), rtol=1e-6)
+
+
+# Wind
+
+WIND = WindTruth(speed_mps=3.0, angle_deg=48.4)
+
+
+def test_wind_from_above_presses_on_turning_rotors_along_z_alone() -> None:
+    above = WindTruth(speed_mps=3.0, angle_deg=0.0)
+    assert above.drag_ns_per_rad == pytest.approx([0, 0, 3 * -10.311e-7])
+
+
+def test_what_the_load_cell_feels_is_turned_into_its_own_frame() -> None:
+    across, azimuth = 3 * math.sin(math.radians(48.4)), math.radians(28.46)
+    x, y = -9.1785e-7 * across * np.array([math.cos(azimuth), -math.sin(azimuth)])
+    cos = math.cos(math.pi / 4)
+
+    assert WIND.drag_ns_per_rad[:2] == pytest.approx([cos * (x + y), cos * (y - x)])
+    assert WindTruth(speed_mps=3.0, angle_deg=48.4, yaw_deg=0.0).drag_ns_per_rad[:2] == pytest.approx([x, y])
+
+
+def test_the_bodys_drag_grows_with_the_square_of_the_wind() -> None:
+    twice = WIND.model_copy(update={"speed_mps": 6.0})
+    assert twice.body_n == pytest.approx(4 * WIND.body_n)
+
+
+def test_rotors_feel_the_wind_by_the_sum_of_their_speeds_and_only_while_they_turn() -> None:
+    calm, windy = (
+        SimulatedRotors(RotorTruth(), np.random.default_rng(3), drag_ns_per_rad=drag)
+        for drag in ((0, 0, 0), WIND.drag_ns_per_rad)
+    )
+    time_s, commands = np.linspace(0, 2, 500), np.array([20000.0, 0, 40000, 0])
+    for standing in (True, False):
+        more = [rotors.advance(time_s + 3 * (not standing), commands * (not standing)) for rotors in (calm, windy)]
+        felt = (more[1] - more[0])[-1]
+        assert felt == pytest.approx(np.append(calm.speed_rad_per_s.sum() * WIND.drag_ns_per_rad, np.zeros(3)))

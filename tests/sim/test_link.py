@@ -1,4 +1,4 @@
-"""The simulated Crazyflie on real UDP, used by unmodified cflib and by a bare socket."""
+"""The link to the simulated vehicle: the radio's delays and losses, and a whole rig flown with cflib over UDP."""
 
 import socket
 import struct
@@ -16,11 +16,14 @@ from cflib.crazyflie import Crazyflie
 from cflib.crazyflie.log import LogConfig
 from cflib.crtp.crtpstack import CRTPPacket
 from cflib.crtp.udpdriver import UdpDriver
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import ValidationError
 from twisted.internet.posixbase import PosixReactorBase
 
 from cfid.records.rig_file import thesis_rig
 from cfid.sim.faults import CrazyflieFaults
-from cfid.sim.link import RadioTruth
+from cfid.sim.link import Direction, RadioTruth
 from cfid.sim.motor_trace import trace_motors
 from cfid.sim.propulsion import STILL
 from cfid.sim.service import Addresses, SimulatedRig
@@ -39,6 +42,45 @@ from cfid.wire.app import (
 )
 from cfid.wire.crtp import Packet, decode_packet, encode_packet, encode_start_log
 from cfid.wire.rdt import Command, Request, decode_records, encode_request
+
+
+def _latencies(truth: RadioTruth, *, every_s: float = 1.0, count: int = 5000) -> list[float]:
+    direction = Direction(truth, np.random.default_rng(2))
+    arrivals = [(direction.arrival_s(k * every_s), k * every_s) for k in range(count)]
+    return [arrival_s - sent_s for arrival_s, sent_s in arrivals if arrival_s is not None]
+
+
+def test_latency_has_the_mean_the_scatter_and_the_minimum_of_its_truth() -> None:
+    latencies = _latencies(RadioTruth(latency_s=0.028, jitter_s=0.008))
+    assert np.mean(latencies) == pytest.approx(0.028, rel=0.02)
+    assert np.std(latencies) == pytest.approx(0.008, rel=0.05)
+    assert 0.020 <= min(latencies) < 0.0201
+
+
+def test_as_many_packets_are_lost_as_its_truth_says() -> None:
+    assert len(_latencies(RadioTruth(loss=0.1))) == pytest.approx(4500, abs=70)
+    assert _latencies(RadioTruth(loss=1.0)) == []
+    assert len(_latencies(RadioTruth())) == 5000
+
+
+def test_a_loss_does_not_change_what_comes_of_other_packets() -> None:
+    whole, lossy = (set(_latencies(RadioTruth(loss=loss), count=100)) for loss in (0.0, 0.3))
+    assert lossy < whole
+
+
+@given(gaps_s=st.lists(st.floats(0, 0.01), min_size=2, max_size=50))
+def test_no_packet_overtakes_another(gaps_s: list[float]) -> None:
+    direction = Direction(RadioTruth(latency_s=0.02, jitter_s=0.02), np.random.default_rng(1))
+    arrivals = [direction.arrival_s(sent_s) or 0.0 for sent_s in np.cumsum(gaps_s)]
+    assert arrivals == sorted(arrivals)
+
+
+def test_packets_that_come_before_they_are_sent_are_refused() -> None:
+    with pytest.raises(ValidationError, match="before it was sent"):
+        RadioTruth(latency_s=0.001, jitter_s=0.002)
+
+
+# Served over UDP
 
 InReactor = Callable[[Callable[[], Any]], Any]
 
