@@ -234,7 +234,7 @@ def test_a_single_reading_does_not_turn_back_the_stream() -> None:
     _ask(box, FOREVER)
     box.due(0.1)
     box.answer(READ_FORCES, 0.15)
-    assert np.all(np.diff(_joined(box.due(0.2)).ft_sequence) == 1)
+    assert np.all(np.diff(_joined(box.due(0.2))["ft_sequence"]) == 1)
 
 
 # On loopback sockets
@@ -315,8 +315,8 @@ def test_asked_for_records_come_at_their_rate(served: _Served, client: socket.so
     client.sendto(encode_request(Request(Command.REAL_TIME, 3500)), (LOOPBACK, ports.rdt))
     records = decode_records(b"".join(client.recv(2048) for _ in range(3500)))
     assert time.monotonic() - began_s >= 0.49
-    np.testing.assert_array_equal(records.rdt_sequence, np.arange(1, 3501))
-    np.testing.assert_array_equal(records.counts, np.tile(1e6 * LOAD, (3500, 1)))
+    np.testing.assert_array_equal(records["rdt_sequence"], np.arange(1, 3501))
+    np.testing.assert_array_equal(records["counts"], np.tile(1e6 * LOAD, (3500, 1)))
     assert _listen(client, for_s=0.1) == b""
 
 
@@ -327,7 +327,7 @@ def test_a_rate_set_over_http_holds_from_the_next_request(served: _Served, clien
     assert (settings.rate_hz, settings.buffer_size) == (1000, 10)
     client.sendto(encode_request(Request(Command.BUFFERED)), (LOOPBACK, ports.rdt))
     records = decode_records(client.recv(2048))
-    assert np.diff(records.ft_sequence).tolist() == [7] * 9
+    assert np.diff(records["ft_sequence"]).tolist() == [7] * 9
 
 
 def test_an_unknown_page_is_not_found(served: _Served) -> None:
