@@ -195,6 +195,13 @@ class Lab:
         self.hardware.plug_in(path, FaultyE201(board, SOUND_ENCODER, opened_s=self.hardware.seconds()))
         return path
 
+    def unplug(self, path: str) -> None:
+        self.hardware.ports[path].unplug()
+
+    def plug_back(self, path: str) -> None:
+        """Connect a board again, which went on sending meanwhile."""
+        self.hardware.ports[path].plug()
+
     def cut_power(self, for_s: float) -> None:
         """Restart the box, which counts from zero afterwards."""
         self.box.box.restart(self.hardware.seconds() + for_s)
