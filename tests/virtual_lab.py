@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from cfid.errors import CfidError
 from cfid.records.files import RIG_FILE, RUNS_FOLDER
 from cfid.records.rig_file import EncoderPort, load_rig, new_rig_text
 from cfid.records.run import Label, Run, read_run
@@ -248,7 +247,7 @@ def recorded(
             begun=lambda _: None,
             say=said.append,
         )
-    except CfidError as raised:
+    except Exception as raised:
         error = raised
     return read_run(max((folder / RUNS_FOLDER).iterdir())), error, said
 

@@ -1,14 +1,16 @@
 """The line under a recording: what matters most comes first, and the line fits a terminal of 80 columns."""
 
 import math
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from cfid.console.live import asking, fitting, line_of
+from cfid.rig.instrument import Block
 from cfid.rig.progress import Reading
-from cfid.rig.recorder import Block, Recorder
+from cfid.rig.recorder import Recorder
 from cfid.rig.shown import degrees, displayed, first_force, vertical_force, volts
 from cfid.wire.rls import RLS_13BIT_IN_22, encode_positions
 
@@ -16,40 +18,30 @@ COLUMNS = 80
 SECOND_S, BLOCK_S = 1.0, 0.05
 
 
-class Named:
-    """An instrument that has only a name."""
+class StandingStill:
+    """A computer whose clock the test sets."""
 
-    def __init__(self, name: str) -> None:
-        self.name = name
-
-
-class Stopped:
-    """A loop whose clock stands still."""
-
-    def __init__(self) -> None:
-        self.now_s = 0.0
+    now_s = 0.0
 
     def seconds(self) -> float:
         return self.now_s
 
 
-def recorder_of(**readings: Reading | None) -> tuple[Any, Stopped]:
-    loop: Any = Stopped()
-    instruments: list[Any] = [Named(name) for name in readings]
-    recorder = Recorder(instruments, None, loop=loop, show=lambda: None)
-    for name, reading in readings.items():
-        recorder.progress[name].reading = reading
-    return recorder, loop
+def recorder_of(**readings: Reading | None) -> tuple[Any, StandingStill]:
+    hardware: Any = StandingStill()
+    instruments: list[Any] = [SimpleNamespace(name=name, reading=reading) for name, reading in readings.items()]
+    sink: Any = None
+    return Recorder(instruments, sink, hardware, show=lambda _: None), hardware
 
 
 def staircase(left_s: float = 823.4, state: str = "ready") -> Any:
     """Return a recorder of a staircase: a load cell with an offset of 5 N, a battery, commands and a state."""
-    recorder, loop = recorder_of(commands=None, loadcell=vertical_force(1e6), supervisor=None, crazyflie=volts(1))
+    recorder, hardware = recorder_of(commands=None, loadcell=vertical_force(1e6), supervisor=None, crazyflie=volts(1))
     recorder.for_s = 900.0
     rows = {"loadcell": 350, "crazyflie": 5, "supervisor": 1, "commands": 0}
     for block in range(40):
-        loop.now_s = block * BLOCK_S
-        at_rest = loop.now_s < SECOND_S
+        hardware.now_s = block * BLOCK_S
+        at_rest = hardware.now_s < SECOND_S
         force = 5e6 + (0.0 if at_rest else 123e3)
         for name, count in rows.items():
             values = {"loadcell": (0, 0, force), "crazyflie": (1, 3.92)}.get(name, (1,))
@@ -57,10 +49,10 @@ def staircase(left_s: float = 823.4, state: str = "ready") -> Any:
             lost = 7 if name == "loadcell" and block == 20 else 0
             recorder.progress[name].add(
                 Block(columns, lost, status=state if name == "supervisor" else ""),
-                loop.now_s,
+                hardware.now_s,
                 at_rest=at_rest,
             )
-    loop.now_s = 900.0 - left_s
+    hardware.now_s = 900.0 - left_s
     return recorder
 
 
@@ -123,10 +115,10 @@ def test_a_question_shows_its_end_on_a_narrow_terminal_where_the_answer_is_typed
 
 
 def test_the_trace_is_of_what_is_read_not_of_the_first_column() -> None:
-    recorder, loop = recorder_of(loadcell=vertical_force(1e3), crazyflie=volts(1))
+    recorder, hardware = recorder_of(loadcell=vertical_force(1e3), crazyflie=volts(1))
     for block in range(3):
-        recorder.progress["loadcell"].add(Block([np.zeros(5), *np.tile([[9.0], [9.0], [block]], 5)]), loop.now_s)
-        recorder.progress["crazyflie"].add(Block([np.zeros(5), *np.tile([[block], [3.9]], 5)]), loop.now_s)
+        recorder.progress["loadcell"].add(Block([np.zeros(5), *np.tile([[9.0], [9.0], [block]], 5)]), hardware.now_s)
+        recorder.progress["crazyflie"].add(Block([np.zeros(5), *np.tile([[block], [3.9]], 5)]), hardware.now_s)
 
     assert list(recorder.progress["loadcell"].trace) == [0.0, 1.0, 2.0]
     assert list(recorder.progress["crazyflie"].trace) == [3.9] * 3
@@ -137,9 +129,9 @@ def test_the_trace_is_of_what_is_read_not_of_the_first_column() -> None:
     ("for_s", "now_s", "shown"), [(20.0, 2.5, "17.5 s left"), (None, 2.5, " 2.5 s"), (5.0, 9.0, " 0.0 s left")]
 )
 def test_time_counts_down_where_the_end_is_known(for_s: float | None, now_s: float, shown: str) -> None:
-    recorder, loop = recorder_of(encoder=degrees(360))
+    recorder, hardware = recorder_of(encoder=degrees(360))
     recorder.for_s = for_s
-    loop.now_s = now_s
+    hardware.now_s = now_s
 
     assert line_of(recorder) == [shown, "0 lost"]
 
@@ -156,17 +148,17 @@ def test_time_counts_down_where_the_end_is_known(for_s: float | None, now_s: flo
 def test_an_angle_is_that_of_the_latest_row_from_the_first_wherever_the_encoders_zero_lies(
     counts_per_turn: float, counts: list[float], shown: str
 ) -> None:
-    recorder, loop = recorder_of(encoder=degrees(counts_per_turn))
+    recorder, hardware = recorder_of(encoder=degrees(counts_per_turn))
     for count in counts:
-        recorder.progress["encoder"].add(Block((np.zeros(1), np.array([count]))), loop.now_s)
+        recorder.progress["encoder"].add(Block((np.zeros(1), np.array([count]))), hardware.now_s)
 
     assert shown in line_of(recorder)[1]
 
 
 def test_an_angle_in_words_of_22_bits_is_shown_from_the_first_too() -> None:
-    recorder, loop = recorder_of(encoder=degrees(RLS_13BIT_IN_22))
+    recorder, hardware = recorder_of(encoder=degrees(RLS_13BIT_IN_22))
     for position in (8000, 8192 - 1, 91):
-        recorder.progress["encoder"].add(Block((np.zeros(1), encode_positions(np.array([position])))), loop.now_s)
+        recorder.progress["encoder"].add(Block((np.zeros(1), encode_positions(np.array([position])))), hardware.now_s)
 
     assert line_of(recorder)[1].strip() == f"{360 * (91 + 192) / 8192:.1f} deg"
 
