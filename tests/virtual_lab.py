@@ -4,13 +4,14 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 
 from cfid.records.files import RIG_FILE, RUNS_FOLDER
 from cfid.records.rig_file import EncoderPort, load_rig, new_rig_text
@@ -32,7 +33,7 @@ from tests.virtual_command import Command, PausingClock
 LOADCELL_HZ = 700  # instead of 7000: a tenth of the work with the same code
 ENCODER_HZ = 100
 USUAL_DEVICES = f"[devices.encoder]\nrate_hz = {ENCODER_HZ}\n[devices.loadcell]\nrate_hz = {LOADCELL_HZ}\n"
-UNIX_S = 1_763_712_345.0
+UNIX_S, STARTED_S = 1_763_712_345.0, 1.0  # when a lab is opened, also on the clock of its hardware
 
 _SENTENCE = re.compile(r"(note: |cfid: |recording into |figure: |\S*rig.sim.toml: |\S+/port: )")
 Array = npt.NDArray[np.float64]
@@ -230,6 +231,32 @@ class Lab:
 
     def facts(self, device: str) -> dict[str, Any]:
         return dict(self.run().header.devices[device].model_extra or {})
+
+
+class Recorded:
+    """The recording of one device: its rows, what it lost, its gaps and facts; `times_s` count from `begun_s`."""
+
+    def __init__(self, run: Run, device: str, *, begun_s: float) -> None:
+        self.run, self.device, self.begun_s = run, run.header.devices[device], begun_s
+        self.lost: Any = self.device.lost
+        self.facts: dict[str, Any] = dict(self.device.model_extra or {})
+        self.losses: dict[str, int] = self.facts.get("losses", {})
+        self.gaps: list[dict[str, Any]] = self.facts.get("gaps", [])
+        self.reasons = [gap["reason"] for gap in self.gaps]
+        self.rows = pd.read_csv(run.device_file(device))
+        self.times_s = self.rows["t"].to_numpy() - UNIX_S + STARTED_S - begun_s
+
+
+class Logged(Recorded):
+    """A recording that a command made; things happen `at` seconds from its start."""
+
+    def __init__(self, lab: Lab, device: str, *words: object, at: Mapping[float, Callable[[], object]]) -> None:
+        begun_s = lab.hardware.seconds()
+        for seconds, act in at.items():
+            lab.hardware.at(seconds, act)
+        self.ended = lab.cfid("log", device, *words)
+        self.took_s = lab.hardware.seconds() - begun_s
+        super().__init__(lab.run(), device, begun_s=begun_s)
 
 
 def recorded(

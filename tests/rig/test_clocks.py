@@ -25,7 +25,7 @@ NO_ARRIVAL: Any = {"arrived": np.empty(0, np.intp), "arrival_s": np.empty(0)}
 
 
 class Stream:
-    """Samples of a device that runs `ppm` fast; each few seconds its datagrams stall for 50 ms, those of the start wait.
+    """Samples of a device that runs `ppm` fast; now and then datagrams wait 50 ms, as those of the start.
 
     `ticks` (n,) are its counts, `true_s` (n,) their instants; each datagram arrives at one of `arrival_s`.
     """

@@ -2,19 +2,19 @@
 
 import os
 import pty
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 import serial
 
 from cfid.errors import DeviceError
 from cfid.records.rig_file import EncoderPort
-from cfid.records.run import DeviceRecord, losses
+from cfid.records.run import losses
 from cfid.rig.encoder import find_encoder, ports_to_ask, ready_encoder, word_bits
 from cfid.rig.hardware import PortInfo, Real
 from cfid.rig.lock import DeviceLock
@@ -22,14 +22,14 @@ from cfid.sim.e201 import E201Device, Reply
 from cfid.sim.faults import EncoderFaults, FaultyE201
 from cfid.wire.e201 import CONTINUOUS, POWER_OFF, PRODUCT, VERSION, set_word_width
 from cfid.wire.rls import RLS_13BIT_IN_22, STEPS_PER_TURN, decode_words
-from tests.known import known
-from tests.virtual_lab import UNIX_S, Lab, Said, held_elsewhere, lab_in, recorded
+from tests.virtual_lab import UNIX_S, Lab, Logged, held_elsewhere, lab_in, recorded
 
 LOG = ("log", "encoder")
 STARTS_S = 0.175  # of questions before the first poll
 RAD_PER_S = 0.5  # of the simulated axis
 STEP_RAD = 2 * np.pi / STEPS_PER_TURN
 SILENT = EncoderFaults(silent_after_s=0)
+NOTHING: dict[float, EncoderFaults] = {}
 
 
 @pytest.fixture
@@ -38,22 +38,16 @@ def lab(tmp_path: Path) -> Iterator[Lab]:
         yield lab
 
 
-class Recording:
-    """A recording of the encoder, started by a command; faults begin and end `at` seconds from its start."""
+class Recording(Logged):
+    """A recording of the encoder; faults begin and end `at` seconds from its first poll."""
 
-    def __init__(self, lab: Lab, *words: object, at: dict[float, EncoderFaults | Callable[[], None]] | None = None):
-        for seconds, act in (at or {}).items():
-            faults = act if isinstance(act, EncoderFaults) else None
-            lab.hardware.at(STARTS_S + seconds, *(act,) if faults is None else (setattr, lab.encoder, "faults", faults))
-        self.ended: Said = lab.cfid(*LOG, *words)
-        self.run = lab.run()
-        self.device: DeviceRecord = self.run.header.devices["encoder"]
-        self.lost = known(self.device.lost)
-        self.facts: dict[str, Any] = lab.facts("encoder")
-        self.losses: dict[str, int] = self.facts["losses"]
-        self.gaps: list[dict[str, Any]] = self.facts["gaps"]
-        self.rows: pd.DataFrame = pd.read_csv(self.run.device_file("encoder"))
-        self.times_s = self.rows["t"].to_numpy() - UNIX_S + 1.0  # on the clock of the hardware
+    def __init__(self, lab: Lab, *words: object, at: Mapping[float, EncoderFaults | Callable[[], object]] = NOTHING):
+        acts = {
+            STARTS_S + seconds: partial(setattr, lab.encoder, "faults", act) if isinstance(act, EncoderFaults) else act
+            for seconds, act in at.items()
+        }
+        super().__init__(lab, "encoder", *words, at=acts)
+        self.times_s += self.begun_s  # on the clock of the hardware
 
     def check(self, *, late_s: float = 2e-3) -> None:
         """Check that every poll is a row or a loss, and each angle that of its time or of `late_s` before."""
@@ -178,7 +172,7 @@ def test_a_slow_device_is_polled_as_fast_as_it_answers_and_what_is_skipped_is_no
 
 def test_a_delay_of_a_few_milliseconds_is_made_up_for_at_1_khz(lab: Lab) -> None:
     held = {0.5 * k: EncoderFaults(slow_s=0.008) for k in range(1, 8)}
-    free: dict[float, EncoderFaults | Callable[[], None]] = {at_s + 0.001: EncoderFaults() for at_s in held}
+    free = {at_s + 0.001: EncoderFaults() for at_s in held}
     log = Recording(lab, "--rate-hz", 1000, "--for", 4, at={**held, **free})
 
     assert log.device.skipped == log.lost == 0
@@ -245,7 +239,7 @@ def test_an_encoder_without_positions_is_given_up_after_three_seconds_with_its_r
 
 def test_a_plug_pulled_and_put_back_is_a_gap_each_time(lab: Lab) -> None:
     acts = {1.0: lab.pull_plug, 2.2: lab.put_plug_back, 4.0: lab.pull_plug, 4.1: lab.put_plug_back}
-    log = Recording(lab, "--for", 6, at=dict(acts))
+    log = Recording(lab, "--for", 6, at=acts)
 
     assert log.ended.code == 0
     assert [gap["reason"] for gap in log.gaps] == ["unplugged"] * 2

@@ -21,7 +21,7 @@ from cfid.rig.ports import HidPort, hid_nodes
 from cfid.rig.readings import Readings
 from cfid.rig.text_lines import HandHeld, RowParser, Scales, Ut372, find_ut372
 from cfid.wire.ut372 import USB_PRODUCT, USB_VENDOR
-from tests.virtual_lab import UNIX_S, Board, Lab, recorded
+from tests.virtual_lab import STARTED_S, UNIX_S, Board, Lab, Recorded, recorded
 
 PACKET = b"070?<3=7<60655>607;007885\r\n"  # from a real tachometer, of 1353.7 rpm: see tests/wire/test_ut372.py
 HELD = PACKET[:21] + b"7<85\r\n"
@@ -36,7 +36,7 @@ def lab(tmp_path: Path) -> Lab:
     return Lab(tmp_path)
 
 
-class Log:
+class Log(Recorded):
     """A recording of an instrument that sends something at each period; things happen `at` seconds from its start."""
 
     def __init__(
@@ -55,12 +55,9 @@ class Log:
         for seconds, act in (at or {}).items():
             lab.hardware.at(seconds, act)
         begun_s = lab.hardware.seconds()
-        self.run, self.error, _ = recorded(lab.hardware, lab.folder, instrument, for_s=for_s)
+        run, self.error, _ = recorded(lab.hardware, lab.folder, instrument, for_s=for_s)
         self.took_s = lab.hardware.seconds() - begun_s
-        self.device = self.run.header.devices[parser.name]
-        self.facts = dict(self.device.model_extra or {})
-        self.rows: pd.DataFrame = pd.read_csv(self.run.device_file(parser.name))
-        self.times_s = self.rows["t"].to_numpy() - UNIX_S + 1.0 - begun_s
+        super().__init__(run, parser.name, begun_s=begun_s)
 
 
 @pytest.mark.parametrize("port", ["ttyUSB0", "hidraw0"])
@@ -170,7 +167,7 @@ def test_typed_readings_are_rows_at_the_time_of_typing_and_a_withdrawn_one_is_re
     rows = pd.read_csv(run.device_file("readings")).to_numpy()
 
     assert error is None
-    times_s = UNIX_S - 1.0 + begun_s + np.array([20, 40, 45])
+    times_s = UNIX_S - STARTED_S + begun_s + np.array([20, 40, 45])
     assert rows[:, 0] == pytest.approx(times_s, abs=0.01)
     assert rows[:, 1:].tolist() == [[2000, 1353.7, 0], [4000, 2711, 0], [4000, 2711, 1]]
     assert (readings.commands, readings.values) == ([2000], [1353.7])

@@ -3,13 +3,13 @@
 import os
 import socketserver
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from cfid.errors import DeviceError
@@ -19,8 +19,7 @@ from cfid.rig.check import judge_buffer
 from cfid.rig.hardware import Address, DatagramPort, Real, TakeDatagram
 from cfid.rig.loadcell import RECEIVE_BUFFER_BYTES, read_once, read_settings, ready_loadcell, resolved
 from cfid.wire.rdt import Command, Request, decode_request, encode_request
-from tests.known import known
-from tests.virtual_lab import LOADCELL_HZ, UNIX_S, Lab, Said, held_elsewhere, lab_in, recorded
+from tests.virtual_lab import LOADCELL_HZ, Lab, Logged, held_elsewhere, lab_in, recorded
 
 LOG = ("log", "loadcell")
 BLOCK = 14  # records per datagram
@@ -33,28 +32,17 @@ def lab(tmp_path: Path) -> Iterator[Lab]:
         yield lab
 
 
-class Recording:
-    """A recording of the load cell, started by a command; things happen `at` seconds from its start."""
+class Recording(Logged):
+    """A recording of the load cell; things happen `at` seconds from its start."""
 
-    def __init__(self, lab: Lab, *words: object, at: dict[float, Callable[[], object]] | None = None):
-        for seconds, act in (at or {}).items():
-            lab.hardware.at(seconds, act)
-        begun_s = lab.hardware.seconds()
-        self.ended: Said = lab.cfid(*LOG, *words)
-        self.took_s = lab.hardware.seconds() - begun_s
-        self.run = lab.run()
-        self.lost = known(self.run.header.devices["loadcell"].lost)
-        self.facts: dict[str, Any] = lab.facts("loadcell")
+    def __init__(self, lab: Lab, *words: object, at: Mapping[float, Callable[[], object]] = MappingProxyType({})):
+        super().__init__(lab, "loadcell", *words, at=at)
         self.arrivals: dict[str, int] = self.facts["arrivals"]
-        self.gaps: list[dict[str, Any]] = self.facts["gaps"]
-        self.reasons = [gap["reason"] for gap in self.gaps]
-        self.rows: pd.DataFrame = pd.read_csv(self.run.device_file("loadcell"))
-        self.begun_s, self.times_s = begun_s, self.rows["t"].to_numpy() - UNIX_S + 1.0 - begun_s
 
     def check(self, *, requests: int = 1) -> None:
         """Check that rows and losses add up to what the box sent, in order, and that each time is that of its count."""
         rows = self.rows
-        assert self.run.header.devices["loadcell"].rows == len(rows)
+        assert self.device.rows == len(rows)
         assert self.arrivals["lost"] == self.lost
         assert np.all(np.diff(self.times_s) > 0)
         if requests == 1:

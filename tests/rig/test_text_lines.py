@@ -24,7 +24,7 @@ from cfid.rig.check import check_lines
 from cfid.rig.lock import DeviceLock
 from cfid.rig.text_lines import ready_lines
 from tests.known import known
-from tests.virtual_lab import UNIX_S, Board, Lab, held_elsewhere, lab_in, recorded
+from tests.virtual_lab import Board, Lab, Recorded, held_elsewhere, lab_in, recorded
 
 CELL = LoadCellLines(
     kind="lines",
@@ -64,7 +64,7 @@ def plugged(lab: Lab, sent: Lines, setting: LineDevice, *, every: float = 1.0) -
     yield setting.model_copy(update={"port": lab.plug_in(board, f"{lab.port}-board")})
 
 
-class Log:
+class Log(Recorded):
     """A recording of a device that sends lines; things happen `at` seconds from its start."""
 
     def __init__(
@@ -86,14 +86,9 @@ class Log:
             for seconds, act in (at or {}).items():
                 lab.hardware.at(seconds, act)
             begun_s = lab.hardware.seconds()
-            self.run, self.error, _ = recorded(lab.hardware, lab.folder, device, for_s=for_s)
+            run, self.error, _ = recorded(lab.hardware, lab.folder, device, for_s=for_s)
         self.said, self.took_s = said, lab.hardware.seconds() - begun_s
-        self.lost = self.run.header.devices[name].lost
-        self.facts = dict(self.run.header.devices[name].model_extra or {})
-        self.losses: dict[str, int] = self.facts["losses"]
-        self.reasons = [gap["reason"] for gap in self.facts["gaps"]]
-        self.rows: pd.DataFrame = pd.read_csv(self.run.device_file(name))
-        self.times_s = self.rows["t"].to_numpy() - UNIX_S + 1.0 - begun_s
+        super().__init__(run, name, begun_s=begun_s)
 
     @property
     def numbers(self) -> npt.NDArray[np.int64]:
@@ -146,7 +141,7 @@ def test_an_angle_is_a_column_in_counts_of_the_stated_turn_or_in_radians(lab: La
     in_degrees = Log(Lab(tmp_path / "other"), lambda n: b"%d\n" % (n % 360), setting=encoder("deg"), for_s=1)
 
     assert in_counts.rows["phi"].max() > 400
-    assert in_counts.facts.get("counts_per_turn", in_counts.run.header.devices["encoder"].counts_per_turn) == 4096
+    assert in_counts.device.counts_per_turn == 4096
     assert in_degrees.rows["phi"].max() == pytest.approx(2 * np.pi, abs=0.02)
     with pytest.raises(ConfigError, match="counts_per_turn"):
         Log(lab, line, setting=encoder("counts"), counts_per_turn="rls-13bit-in-22")
@@ -308,7 +303,7 @@ def test_a_clock_in_milliseconds_that_is_coarser_than_the_lines_counts_none(lab:
 def test_a_silence_is_a_gap_whose_lines_are_lost(lab: Lab, setting: LoadCellLines) -> None:
     sent: Lines = line if setting is CELL else lambda n: b"%d\n" % n
     log = Log(lab, but(range(80, 240), sent), setting=setting)
-    (gap,) = log.facts["gaps"]
+    (gap,) = log.gaps
 
     assert log.error is None
     assert log.lost == pytest.approx(160, abs=1)
@@ -345,7 +340,7 @@ def test_lines_of_an_adapter_that_collects_16_ms_are_kept_after_a_gap_too(lab: L
 @pytest.mark.parametrize("overflown", [0, 120])
 def test_lines_that_the_computer_kept_while_the_program_stood_still_are_not_lost(lab: Lab, overflown: int) -> None:
     log = Log(lab, but(range(80, 80 + overflown), line), at={0.99: lambda: lab.hardware.stand_still(2.0)})
-    (gap,) = log.facts["gaps"]
+    (gap,) = log.gaps
 
     assert log.error is None
     assert gap["stood_s"] == pytest.approx(1.8, abs=0.1)
