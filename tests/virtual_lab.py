@@ -2,17 +2,22 @@
 
 import re
 import signal
-from collections.abc import Iterator
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 
 from cfid.records.files import RIG_FILE, RUNS_FOLDER
-from cfid.records.rig_file import load_rig, new_rig_text
-from cfid.records.run import Run, read_run
+from cfid.records.rig_file import EncoderPort, load_rig, new_rig_text
+from cfid.records.run import Label, Run, read_run
+from cfid.rig.instrument import Instrument
+from cfid.rig.run import Plan, record_run
 from cfid.sim.devices import SimulatedRig
 from cfid.sim.e201 import E201Device, Reply
 from cfid.sim.faults import SOUND_ENCODER, SOUND_LOADCELL, EncoderFaults, FaultyE201, FaultyNetFT, LoadCellFaults
@@ -22,11 +27,13 @@ from cfid.sim.virtual import Virtual
 from cfid.wire.e201 import STOP_CONTINUOUS, VERSION
 from cfid.wire.rdt import Command as RdtCommand
 from cfid.wire.rdt import Request, encode_request
+from tests.places import ROOT
 from tests.virtual_command import Command, PausingClock
 
 LOADCELL_HZ = 700  # instead of 7000: a tenth of the work with the same code
 ENCODER_HZ = 100
-UNIX_S = 1_763_712_345.0
+USUAL_DEVICES = f"[devices.encoder]\nrate_hz = {ENCODER_HZ}\n[devices.loadcell]\nrate_hz = {LOADCELL_HZ}\n"
+UNIX_S, STARTED_S = 1_763_712_345.0, 1.0  # when a lab is opened, also on the clock of its hardware
 
 _SENTENCE = re.compile(r"(note: |cfid: |recording into |figure: |\S*rig.sim.toml: |\S+/port: )")
 Array = npt.NDArray[np.float64]
@@ -107,15 +114,40 @@ class LabCommand(Command):
         return Said(code, self.out, self.err)
 
 
-class Lab:
-    """A campaign folder and its rig: a box, and an encoder."""
+class Board:
+    """A device that sends unprompted, from when it is plugged in: what `sent` returns at each place of a grid of time.
 
-    def __init__(self, folder: Path) -> None:
+    What becomes due while nobody looks waits, and then comes in one piece, as from a system's buffer.
+    """
+
+    continuous = True
+
+    def __init__(self, sent: Callable[[int], bytes], *, rate_hz: float) -> None:
+        self._sent, self._rate_hz = sent, rate_hz
+        self.count = 0
+        self._begun_s: float | None = None
+
+    def received(self, data: bytes, now_s: float) -> list[Reply]:
+        """Return nothing."""
+        return []
+
+    def due(self, now_s: float) -> list[Reply]:
+        """Return what is sent up to now."""
+        if self._begun_s is None:
+            self._begun_s = now_s
+        end = int((now_s - self._begun_s) * self._rate_hz + 1e-6) + 1
+        places, self.count = range(self.count, end), end
+        data = b"".join(map(self._sent, places))
+        return [(0.0, data)] if data else []
+
+
+class Lab:
+    """A campaign folder and its rig: a box, and an encoder, or the `devices` that are given as tables of rig.toml."""
+
+    def __init__(self, folder: Path, devices: str = USUAL_DEVICES) -> None:
         self.folder = folder
-        (folder / RIG_FILE).write_text(
-            re.sub(r"(?ms)^\[devices\.\w+\].*?(?=^\[)", "", new_rig_text())
-            + f"\n[devices.encoder]\nrate_hz = {ENCODER_HZ}.0\n[devices.loadcell]\nrate_hz = {LOADCELL_HZ}\n"
-        )
+        content = re.sub(r"(?ms)^\[devices\.\w+\].*?(?=^\[)", "", new_rig_text())
+        (folder / RIG_FILE).write_text(f"{content}\n{devices}\n")
         self.time = PausingClock()
         self.hardware = Virtual(self._rig, unix_s=UNIX_S, time=self.time)
         self.port = next(iter(self.hardware.ports))
@@ -135,7 +167,9 @@ class Lab:
         self.box = Box(netft, SOUND_LOADCELL, opened_s=seconds(), rng=np.random.default_rng(5))
         self.e201 = E201Device(lambda time_s: 0.5 * time_s, reply_s=5e-4, powered_s=seconds())
         self.encoder = Interface(self.e201, SOUND_ENCODER, opened_s=seconds())
-        simulated.loadcell, simulated.encoder = self.box, self.encoder
+        simulated.loadcell = self.box
+        if isinstance(rig.devices.encoder, EncoderPort):
+            simulated.encoder = self.encoder
         return simulated
 
     def start(self, *words: object, **options: Any) -> LabCommand:
@@ -152,6 +186,21 @@ class Lab:
 
     def encoder_suffers(self, **faults: Any) -> None:
         self.encoder.faults = EncoderFaults(**faults)
+
+    def plug_in(self, board: Board, path: str = "") -> str:
+        """Plug a board in, by default in place of the load cell that sends lines; return its path."""
+        path = path or list(self.hardware.ports)[1]
+        if path in self.hardware.ports:
+            self.hardware.ports[path].close()
+        self.hardware.plug_in(path, FaultyE201(board, SOUND_ENCODER, opened_s=self.hardware.seconds()))
+        return path
+
+    def unplug(self, path: str) -> None:
+        self.hardware.ports[path].unplug()
+
+    def plug_back(self, path: str) -> None:
+        """Connect a board again, which went on sending meanwhile."""
+        self.hardware.ports[path].plug()
 
     def cut_power(self, for_s: float) -> None:
         """Restart the box, which counts from zero afterwards."""
@@ -184,11 +233,70 @@ class Lab:
         return dict(self.run().header.devices[device].model_extra or {})
 
 
+class Recorded:
+    """The recording of one device: its rows, what it lost, its gaps and facts; `times_s` count from `begun_s`."""
+
+    def __init__(self, run: Run, device: str, *, begun_s: float) -> None:
+        self.run, self.device, self.begun_s = run, run.header.devices[device], begun_s
+        self.lost: Any = self.device.lost
+        self.facts: dict[str, Any] = dict(self.device.model_extra or {})
+        self.losses: dict[str, int] = self.facts.get("losses", {})
+        self.gaps: list[dict[str, Any]] = self.facts.get("gaps", [])
+        self.reasons = [gap["reason"] for gap in self.gaps]
+        self.rows = pd.read_csv(run.device_file(device))
+        self.times_s = self.rows["t"].to_numpy() - UNIX_S + STARTED_S - begun_s
+
+
+class Logged(Recorded):
+    """A recording that a command made; things happen `at` seconds from its start."""
+
+    def __init__(self, lab: Lab, device: str, *words: object, at: Mapping[float, Callable[[], object]]) -> None:
+        begun_s = lab.hardware.seconds()
+        for seconds, act in at.items():
+            lab.hardware.at(seconds, act)
+        self.ended = lab.cfid("log", device, *words)
+        self.took_s = lab.hardware.seconds() - begun_s
+        super().__init__(lab.run(), device, begun_s=begun_s)
+
+
+def recorded(
+    hardware: Virtual, folder: Path, *instruments: Instrument, **plan: Any
+) -> tuple[Run, Exception | None, list[str]]:
+    """Record instruments; return the run, the error that was raised or None, and what was said."""
+    said: list[str] = []
+    error: Exception | None = None
+    try:
+        record_run(
+            Plan(runs_folder=folder / RUNS_FOLDER, kind="test", label=Label(), **plan),
+            instruments,
+            hardware,
+            show=lambda _: None,
+            begun=lambda _: None,
+            say=said.append,
+        )
+    except Exception as raised:
+        error = raised
+    return read_run(max((folder / RUNS_FOLDER).iterdir())), error, said
+
+
+@contextmanager
+def held_elsewhere(device: str) -> Iterator[int]:
+    """Let another process hold a device; yield its number."""
+    code = "import sys; from cfid.rig.lock import DeviceLock; _ = DeviceLock.take(sys.argv[1]); print(); input()"
+    pipes: Any = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with subprocess.Popen([sys.executable, "-c", code, device], cwd=ROOT, **pipes) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        process.stdout.readline()
+        yield process.pid
+        process.stdin.write(b"\n")
+
+
 def _load(time_s: Array) -> Array:
     return np.outer(np.sin(time_s), (0.0, 0.0, 1.0, 0.0, 0.0, 0.0)).astype(np.float64)
 
 
 @contextmanager
-def lab_in(folder: Path) -> Iterator[Lab]:
+def lab_in(folder: Path, devices: str = USUAL_DEVICES) -> Iterator[Lab]:
     """Open a rig in a folder."""
-    yield Lab(folder)
+    yield Lab(folder, devices)

@@ -24,7 +24,7 @@ SLOWEST_REPLY_S = 0.05  # to a poll; one or two milliseconds are usual
 BAUD = 115200  # meaningless on USB
 
 _LATEST_S = 0.01  # largest delay of a poll by a busy computer, or by the system's queue before a port
-_NAME_S = 0.05  # without a name, after which it is requested again
+_NAME_S = 0.6  # longest delay of an answer: a name that has not come by then is lost, and requested again
 _SETTLE_S = 0.005  # after the name, in case it has a second line
 _LOOK_S = 0.005
 _ABSENT_S = 3.0
@@ -226,8 +226,9 @@ class Encoder(Instrument):
     """An E201 that is polled at a rate: one poll after the other, since an answer does not identify its poll.
 
     Answers come in the order of the questions. So after a poll without an answer, or with a doubtful one, the device's
-    name is requested, and what comes before it is dropped. A grid point that is more than ten milliseconds, and a whole
-    period, in the past is skipped; a poll that is less late is made up for.
+    name is requested, and what comes before it is dropped. It is requested once, since a second name could be either
+    request's. A grid point that is more than ten milliseconds, and a whole period, in the past is skipped; a poll that
+    is less late is made up for.
     """
 
     name = "encoder"
@@ -326,8 +327,9 @@ class Encoder(Instrument):
             await self._hardware.sleep(_LOOK_S)
         self._cancel()
         self._silence.end("silent at the end" if self._gone_s is None else "unplugged")
-        if self._gone_s is not None:
+        if self._is_resyncing or self._gone_s is not None:
             self._advance(answered=False)
+        if self._gone_s is not None:
             raise DeviceError(
                 f"{self._found.port}: unplugged {self._hardware.seconds() - self._gone_s:.0f} s before the end, and "
                 "not plugged in again."

@@ -1,5 +1,6 @@
 """What every instrument of a recording is: it samples on its own, and its rows are taken in blocks."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -92,15 +93,17 @@ class Silence:
         """Return whether it is longer than a time, and than a few periods."""
         return self.seconds > max(usual_s, _PERIODS * self._period_s)
 
-    def end(self, reason: str = "") -> bool:
-        """Note that data came; return whether that ended a gap, which run.toml states with its reason, if it has one.
+    def end(self, reason: str = "", *, first_s: float = math.inf) -> bool:
+        """Note that data came, the first of it at `first_s`; return whether that ended a gap.
 
-        `stood_s` of a gap is for how long this program stood still in it: suspended, or kept waiting.
+        run.toml states a gap with its reason, if it has one. `stood_s` of a gap is for how long this program stood
+        still in it: suspended, or kept waiting.
         """
         now_s = self._hardware.seconds()
-        was_gap = now_s - self.received_s > max(_PAUSE_S, _PERIODS * self._period_s)
+        first_s = min(first_s, now_s)
+        was_gap = first_s - self.received_s > max(_PAUSE_S, _PERIODS * self._period_s)
         if was_gap and reason:
-            begin_s, end_s = self._hardware.clock.unix_s(np.array([self.received_s, now_s])).tolist()
+            begin_s, end_s = self._hardware.clock.unix_s(np.array([self.received_s, first_s])).tolist()
             stood_s = now_s - self.received_s - self.seconds
             stood = {"stood_s": round(stood_s, 3)} if stood_s > 0 else {}
             self.gaps.append({"from_s": begin_s, "to_s": end_s, "reason": reason, **stood})

@@ -266,7 +266,9 @@ class LoadCell(Instrument):
         arrived, arrival_s = _arrivals(records, every["ft_sequence"][ends], arrivals_s)
         if self._last_ft is not None:
             self._resume(records, arrived, arrival_s)
-        self._silence.end()
+        self._silence.end(
+            "no record came" if self._last_ft is not None else "", first_s=min(arrivals_s, default=np.inf)
+        )
         instants_s = self._instants_s(records, arrived, arrival_s)
         self._is_first, self._last_ft = False, int(records["ft_sequence"][-1])
         columns = (

@@ -96,7 +96,8 @@ class TextLines(Instrument):
         self._false = self._doubts = self._restarts = 0
         self._kept = self._counted = 0  # kept: rows after the first
         self._sent = 0.0  # lines after the first, by the device's clock, or by times of arrival and the stated rate
-        self._ticks = 0  # of the device's clock since the first row, unwrapped
+        self._clock_s = 0.0  # since the first row, by the device's clock or by times of arrival
+        self._ticks = 0  # of the device's clock, unwrapped
         self._gone_s: float | None = None
         self._stopped = False
 
@@ -192,29 +193,36 @@ class TextLines(Instrument):
         return {"losses": losses, "gaps": self._silence.gaps}
 
     def _take(self, row: _Row) -> None:
-        """Keep a line whose clock continues, or that follows another which did not: then the clock began anew.
+        """Keep a line whose clock continues, or two that continue each other: there the clock began, or began anew.
 
         Two lines that ran into one have a number of too many digits: the clock jumps for one line.
         """
         step_s = self._step_s(self._last, row)
-        if self._last is not None and step_s is None:
+        if step_s is None and self._stamp_place is not None:
             doubted, self._doubted = self._doubted, row
-            self._false, self._doubts = self._false + 1, self._doubts + 1
-            if self._step_s(doubted, row) is None:
+            self._doubts += 1
+            step_s = self._step_s(doubted, row)
+            if doubted is None or step_s is None:
+                self._false += 1
                 return
             self._false -= 1
-            self._restarts += 1
-            step_s = row.received_s - self._last.received_s
+            self._restarts += self._last is not None
+            self._keep(doubted, 0.0 if self._last is None else doubted.received_s - self._last.received_s)
         self._doubts, self._doubted = 0, None
-        if self._last is None or step_s is None:
-            self._first = row
-        else:
-            periods = step_s * self._setting.rate_hz
-            resolved = self._stamp_place is not None and _TICKS * self._tick_s * self._setting.rate_hz <= 1
-            self._sent += round(periods) if resolved else periods
-            self._kept += 1
-        self._last = row
+        self._keep(row, step_s or 0.0)
+
+    def _keep(self, row: _Row, step_s: float) -> None:
+        """Keep a line that was sent `step_s` after the last one."""
         self._rows.append(row)
+        self._last = row
+        if self._first is None:
+            self._first = row
+            return
+        periods = step_s * self._setting.rate_hz
+        resolved = self._stamp_place is not None and _TICKS * self._tick_s * self._setting.rate_hz <= 1
+        self._sent += round(periods) if resolved else periods
+        self._clock_s += step_s
+        self._kept += 1
 
     def _step_s(self, before: _Row | None, row: _Row) -> float | None:
         """Return how long after another a line was sent, None where its clock does not continue from there."""
@@ -268,12 +276,11 @@ class TextLines(Instrument):
             )
         elif self._stamp_place is not None and self._first is not None and self._last is not None:
             elapsed_s = self._last.received_s - self._first.received_s
-            clock_s = self._sent / stated_hz
-            if elapsed_s >= _TELLING_S and abs(clock_s - elapsed_s) > 10 * _UNLIKE * elapsed_s:
+            if elapsed_s >= _TELLING_S and abs(self._clock_s - elapsed_s) > _UNLIKE * elapsed_s + _SLACK_S:
                 yield (
-                    f"the {name}'s clock, device_us, went {clock_s:.4g} s in {elapsed_s:.4g} s: it counts another "
-                    f"unit, or stands. Correct it, or leave it out of devices.{name}.values: times are then those of "
-                    "arrival."
+                    f"the {name}'s clock, device_us, went {self._clock_s:.4g} s in {elapsed_s:.4g} s: it counts "
+                    f"another unit, or stands. Correct it, or leave it out of devices.{name}.values: times are then "
+                    "those of arrival."
                 )
 
     def _search(self) -> None:

@@ -32,6 +32,7 @@ from cfid.rig.link import Arrived, Link, QueuedPacket
 from cfid.rig.loadcell import RECEIVE_BUFFER_BYTES
 from cfid.rig.loop import Ending
 from cfid.sim.devices import SimulatedRig
+from cfid.sim.faults import FaultyE201
 from cfid.sim.netft import SENDING_EVERY_S, page_of
 from cfid.sim.pty import DevicePort
 from cfid.sim.service import Addresses, devices_at
@@ -118,16 +119,20 @@ class Virtual(Hardware):
         number = f"{os.getpid()}-{next(_numbers)}"  # so that no other process' lock has this rig's names
         self._uri = f"sim://{number}"
         self._box = (f"192.0.2.9-{number}", _BOX[1])
-        self.ports = {f"/virtual/{number}/encoder": _VirtualPort(self.rig.encoder, self.time)}
+        self.ports: dict[str, _VirtualPort] = {}
+        self.plug_in(f"/virtual/{number}/encoder", self.rig.encoder)
         if self.rig.loadcell_lines is not None:
-            self.ports[f"/virtual/{number}/loadcell"] = _VirtualPort(self.rig.loadcell_lines, self.time)
-        for port in self.ports.values():
-            port.begin()
+            self.plug_in(f"/virtual/{number}/loadcell", self.rig.loadcell_lines)
         self.attend_vehicle()
 
     def at(self, seconds: float, call: Callable[..., object], *arguments: Any) -> None:
         """Do something `seconds` from now: request an end, pull a plug, press a key."""
         self.time.callLater(seconds, call, *arguments)
+
+    def plug_in(self, path: str, device: FaultyE201) -> None:
+        """Plug another device in; one whose path names a hidraw device is opened as such."""
+        self.ports[path] = _VirtualPort(device, self.time)
+        self.ports[path].begin()
 
     def request_end(self, name: str = "SIGINT") -> None:
         """Request the end of the run under way, as a signal does."""
@@ -207,12 +212,12 @@ class Virtual(Hardware):
         return _VirtualSerial(self.ports[path], receiver)
 
     def hid_nodes(self, vendor: int, product: int) -> list[str]:
-        """Return nothing: no such device is simulated."""
-        return []
+        """Return those that are plugged in, whatever their kind."""
+        return [path for path in self.ports if Path(path).name.startswith("hidraw")]
 
     def hid(self, path: str, receiver: Receiver, *, feature: bytes) -> SerialPort:
-        """Raise DeviceError: no such device is simulated."""
-        raise DeviceError(f"{path}: no such device is simulated.")
+        """Open a hidraw device."""
+        return self.serial(path, receiver, baud=0)
 
     def host(self, name: str) -> str:
         """Return the name itself."""

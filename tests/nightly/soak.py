@@ -15,15 +15,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from twisted.internet.task import Clock
-
 from cfid.console.campaign import make_campaign
 from cfid.records.run import Run, read_run
 from cfid.rig.sim_file import SIM_FILE
-from cfid.sim.faults import SOUND_ENCODER, SOUND_LOADCELL
 from tests.known import known
 from tests.priority import ahead_of_others
-from tests.rig.virtual import Session, encoder, loadcell
+from tests.virtual_lab import Lab
 
 CFID = (sys.executable, "-m", "cfid.cli.main")
 WARM_SHARE = 0.2
@@ -32,13 +29,15 @@ STARTS_WITHIN_S = 60.0
 
 def virtual(for_s: float, folder: Path) -> None:
     """Record each instrument for `for_s` seconds on a virtual clock, and print what is missing."""
-    for name, couple in (("encoder", encoder), ("loadcell", loadcell)):
-        session = Session(folder / name, Clock())
-        instrument = (encoder(session, SOUND_ENCODER) if couple is encoder else loadcell(session, SOUND_LOADCELL))[0]
-        run, failure = session.record(instrument, for_s=for_s)
-        if failure is not None:
-            raise failure
-        _print(f"{name}, {for_s:g} s of virtual time", run, name)
+    for name in ("encoder", "loadcell"):
+        (folder / name).mkdir(parents=True)
+        lab = Lab(folder / name)
+        log = lab.start("log", name, "--for", for_s)
+        while log.code is None:
+            log.go_on_for(60)
+        if log.code:
+            raise SystemExit(log.err)
+        _print(f"{name}, {for_s:g} s of virtual time", lab.run(), name)
 
 
 def real(for_s: float, folder: Path) -> None:

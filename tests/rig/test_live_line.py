@@ -1,110 +1,87 @@
 """The line under a recording: what matters most comes first, and the line fits a terminal of 80 columns."""
 
 import math
+from collections.abc import Collection
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from cfid.console.live import asking, fitting, line_of
+from cfid.rig.instrument import Block
 from cfid.rig.progress import Reading
-from cfid.rig.recorder import Block, Recorder
+from cfid.rig.recorder import Recorder
 from cfid.rig.shown import degrees, displayed, first_force, vertical_force, volts
 from cfid.wire.rls import RLS_13BIT_IN_22, encode_positions
 
-COLUMNS = 80
-SECOND_S, BLOCK_S = 1.0, 0.05
+BLOCK_S = 0.05
 
 
-class Named:
-    """An instrument that has only a name."""
+class Live:
+    """A recorder whose instruments have only a reading, on a clock that the test sets."""
 
-    def __init__(self, name: str) -> None:
-        self.name = name
-
-
-class Stopped:
-    """A loop whose clock stands still."""
-
-    def __init__(self) -> None:
+    def __init__(self, for_s: float | None = None, **readings: Reading | None) -> None:
         self.now_s = 0.0
+        hardware: Any = SimpleNamespace(seconds=lambda: self.now_s)
+        instruments: list[Any] = [SimpleNamespace(name=name, reading=reading) for name, reading in readings.items()]
+        sink: Any = None
+        self.recorder = Recorder(instruments, sink, hardware, show=lambda _: None, for_s=for_s)
 
-    def seconds(self) -> float:
-        return self.now_s
+    def add(self, name: str, *values: float, rows: int = 1, lost: int | None = 0, **options: Any) -> None:
+        """Add a block of equal rows of an instrument."""
+        status = options.pop("status", "")
+        columns = [np.zeros(rows), *(np.full(rows, value) for value in values)]
+        self.recorder.progress[name].add(Block(columns, lost, status=status), self.now_s, **options)
+
+    def line(self, **options: Any) -> list[str]:
+        return line_of(self.recorder, **options)
 
 
-def recorder_of(**readings: Reading | None) -> tuple[Any, Stopped]:
-    loop: Any = Stopped()
-    instruments: list[Any] = [Named(name) for name in readings]
-    recorder = Recorder(instruments, None, loop=loop, show=lambda: None)
-    for name, reading in readings.items():
-        recorder.progress[name].reading = reading
-    return recorder, loop
-
-
-def staircase(left_s: float = 823.4, state: str = "ready") -> Any:
-    """Return a recorder of a staircase: a load cell with an offset of 5 N, a battery, commands and a state."""
-    recorder, loop = recorder_of(commands=None, loadcell=vertical_force(1e6), supervisor=None, crazyflie=volts(1))
-    recorder.for_s = 900.0
-    rows = {"loadcell": 350, "crazyflie": 5, "supervisor": 1, "commands": 0}
+def staircase(left_s: float = 823.4, state: str = "ready") -> Live:
+    """Return a staircase: a load cell with an offset of 5 N, a battery, commands and a state."""
+    live = Live(900.0, commands=None, loadcell=vertical_force(1e6), supervisor=None, crazyflie=volts(1))
     for block in range(40):
-        loop.now_s = block * BLOCK_S
-        at_rest = loop.now_s < SECOND_S
-        force = 5e6 + (0.0 if at_rest else 123e3)
-        for name, count in rows.items():
-            values = {"loadcell": (0, 0, force), "crazyflie": (1, 3.92)}.get(name, (1,))
-            columns = [np.zeros(count), *(np.full(count, value) for value in values)]
-            lost = 7 if name == "loadcell" and block == 20 else 0
-            recorder.progress[name].add(
-                Block(columns, lost, status=state if name == "supervisor" else ""),
-                loop.now_s,
-                at_rest=at_rest,
-            )
-    loop.now_s = 900.0 - left_s
-    return recorder
+        live.now_s = block * BLOCK_S
+        at_rest = block < 20
+        live.add("loadcell", 0, 0, 5e6 + (0 if at_rest else 123e3), rows=350, lost=7 * (block == 20), at_rest=at_rest)
+        live.add("crazyflie", 1, 3.92, rows=5)
+        live.add("supervisor", 1, status=state)
+    live.now_s = 900.0 - left_s
+    return live
 
 
-def test_time_left_force_battery_state_losses_rate_and_command_fit_80_columns() -> None:
-    parts = line_of(staircase(state="flying"), task="command 20000 (9 of 33)")
+def test_time_left_force_above_tare_battery_state_losses_rate_and_command_fit_80_columns() -> None:
+    parts = staircase(state="flying").line(task="command 20000 (9 of 33)")
 
-    line = fitting(parts, COLUMNS - 1)
-    assert line == " 13:43 left  Fz  123 mN  3.92 V  flying  7 LOST  7000+100 Hz  command 20000"
-
-
-def test_losses_that_nobody_can_count_are_unknown_and_not_zero() -> None:
-    recorder, _ = recorder_of(scales=None, loadcell=None)
-    recorder.progress["scales"].add(Block([np.zeros(1), np.zeros(1)], None), 0.0)
-    assert "losses unknown" in line_of(recorder)
-    assert "0 lost" not in line_of(recorder)
-    recorder.progress["loadcell"].add(Block([np.zeros(1), np.zeros(1)], 3), 0.0)
-    assert "3 LOST" in line_of(recorder)
+    assert fitting(parts, 79) == " 13:43 left  Fz  123 mN  3.92 V  flying  7 LOST  7000+100 Hz  command 20000"
 
 
 def test_what_does_not_fit_is_left_out_and_not_cut() -> None:
-    parts = line_of(staircase(state="deck fault, unconfirmed"), task="command 20000 (9 of 33)")
+    parts = staircase(state="deck fault, unconfirmed").line(task="command 20000 (9 of 33)")
 
-    assert fitting(parts, COLUMNS - 1).endswith("  7000+100 Hz")
+    assert fitting(parts, 79).endswith("  7000+100 Hz")
     assert fitting(parts, 100).endswith("  command 20000")
     assert fitting(parts, 200) == "  ".join(parts)
     assert len(fitting(["a question (with some words) that no terminal has room for"], 20)) <= 20
     assert fitting(parts, 0) == ""
 
 
-def test_the_force_is_shown_above_its_tare() -> None:
-    assert "Fz  123 mN" in line_of(staircase())
-
-
-def test_what_rounds_to_zero_has_no_sign() -> None:
-    forms = [reading.form for reading in (vertical_force(1e6), first_force("Tz"), degrees(8192.0))]
-
-    assert [form.format(-0.04) for form in forms] == ["Fz    0 mN", "Tz     0 mNm", "   0.0 deg"]
+def test_losses_that_nobody_can_count_are_unknown_and_not_zero() -> None:
+    live = Live(scales=None, loadcell=None)
+    live.add("scales", 0, lost=None)
+    assert "losses unknown" in live.line()
+    assert "0 lost" not in live.line()
+    live.add("loadcell", 0, lost=3)
+    assert "3 LOST" in live.line()
 
 
 def test_what_is_left_then_a_question_and_what_is_typed_come_before_all_else() -> None:
     question = "RPM at command 20000 (u undoes 11800) > 12"
 
-    assert line_of(staircase(), question=question)[0] == f" 13:43 left  {question}"
-    assert line_of(staircase(), question=question, left="12 steps left")[0] == f"12 steps left  {question}"
+    assert staircase().line(question=question)[0] == f" 13:43 left  {question}"
+    assert staircase().line(question=question, left="12 steps left")[0] == f"12 steps left  {question}"
 
 
 @pytest.mark.parametrize(
@@ -116,100 +93,79 @@ def test_what_is_left_then_a_question_and_what_is_typed_come_before_all_else() -
     ],
 )
 def test_a_question_shows_its_end_on_a_narrow_terminal_where_the_answer_is_typed(columns: int, shown: str) -> None:
-    question = "RPM at command 20000, Enter for none (u undoes 15069) > 22861"
-
-    assert asking(question, columns) == shown
+    assert asking("RPM at command 20000, Enter for none (u undoes 15069) > 22861", columns) == shown
     assert len(shown) <= columns
-
-
-def test_the_trace_is_of_what_is_read_not_of_the_first_column() -> None:
-    recorder, loop = recorder_of(loadcell=vertical_force(1e3), crazyflie=volts(1))
-    for block in range(3):
-        recorder.progress["loadcell"].add(Block([np.zeros(5), *np.tile([[9.0], [9.0], [block]], 5)]), loop.now_s)
-        recorder.progress["crazyflie"].add(Block([np.zeros(5), *np.tile([[block], [3.9]], 5)]), loop.now_s)
-
-    assert list(recorder.progress["loadcell"].trace) == [0.0, 1.0, 2.0]
-    assert list(recorder.progress["crazyflie"].trace) == [3.9] * 3
-    assert line_of(recorder)[-1] == "▁▅█"
 
 
 @pytest.mark.parametrize(
     ("for_s", "now_s", "shown"), [(20.0, 2.5, "17.5 s left"), (None, 2.5, " 2.5 s"), (5.0, 9.0, " 0.0 s left")]
 )
 def test_time_counts_down_where_the_end_is_known(for_s: float | None, now_s: float, shown: str) -> None:
-    recorder, loop = recorder_of(encoder=degrees(360))
-    recorder.for_s = for_s
-    loop.now_s = now_s
+    live = Live(for_s, encoder=degrees(360))
+    live.now_s = now_s
 
-    assert line_of(recorder) == [shown, "0 lost"]
+    assert live.line() == [shown, "0 lost"]
+
+
+def words(*positions: int) -> list[npt.NDArray[np.int64]]:
+    return [encode_positions(np.array([position])) for position in positions]
 
 
 @pytest.mark.parametrize(
-    ("counts_per_turn", "counts", "shown"),
+    ("reading", "values", "shown"),
     [
-        (360, [200, 203, 190], "-10.0 deg"),
-        (360, [359, 0, 1], "  2.0 deg"),
-        (360, [5, 365, 720 - 3], " -8.0 deg"),
-        (math.tau, [3.0, 3.0 + math.radians(12)], " 12.0 deg"),
+        (degrees(360), [200, 203, 190], "-10.0 deg"),
+        (degrees(360), [359, 0, 1], "2.0 deg"),
+        (degrees(360), [5, 365, 720 - 3], "-8.0 deg"),
+        (degrees(math.tau), [3.0, 3.0 + math.radians(12)], "12.0 deg"),
+        (degrees(RLS_13BIT_IN_22), [*words(8000, 8192 - 1, 91)], f"{360 * (91 + 192) / 8192:.1f} deg"),
+        (displayed("rpm"), [9000.2, 13537.4], "13537 rpm"),
+        (volts(0), [3.5, 3.92], "3.92 V"),
+        (first_force("Tz"), [-0.00004], "Tz     0 mNm"),  # what rounds to zero has no sign
     ],
 )
-def test_an_angle_is_that_of_the_latest_row_from_the_first_wherever_the_encoders_zero_lies(
-    counts_per_turn: float, counts: list[float], shown: str
+def test_an_angle_is_shown_from_the_first_row_and_other_values_as_they_are(
+    reading: Reading, values: list[float], shown: str
 ) -> None:
-    recorder, loop = recorder_of(encoder=degrees(counts_per_turn))
-    for count in counts:
-        recorder.progress["encoder"].add(Block((np.zeros(1), np.array([count]))), loop.now_s)
+    live = Live(encoder=reading)
+    for value in values:
+        live.add("encoder", value)
 
-    assert shown in line_of(recorder)[1]
-
-
-def test_an_angle_in_words_of_22_bits_is_shown_from_the_first_too() -> None:
-    recorder, loop = recorder_of(encoder=degrees(RLS_13BIT_IN_22))
-    for position in (8000, 8192 - 1, 91):
-        recorder.progress["encoder"].add(Block((np.zeros(1), encode_positions(np.array([position])))), loop.now_s)
-
-    assert line_of(recorder)[1].strip() == f"{360 * (91 + 192) / 8192:.1f} deg"
+    assert live.line()[1].strip() == shown
 
 
-def shown_after(arrivals_s: list[float], *, until_s: float) -> list[str]:
-    """Return the text about a battery's voltage after each block; the rows arrive at `arrivals_s`."""
-    recorder, _ = recorder_of(crazyflie=volts(0))
+def test_the_trace_is_of_what_is_read_not_of_the_first_column() -> None:
+    live = Live(loadcell=vertical_force(1e3), crazyflie=volts(1))
+    for block in range(3):
+        live.add("loadcell", 9.0, 9.0, block, rows=5)
+        live.add("crazyflie", block, 3.9, rows=5)
+
+    assert list(live.recorder.progress["loadcell"].trace) == [0.0, 1.0, 2.0]
+    assert list(live.recorder.progress["crazyflie"].trace) == [3.9] * 3
+    assert live.line()[-1] == "▁▅█"
+
+
+TENTHS = [0.1 * row for row in range(10)]
+
+
+@pytest.mark.parametrize(
+    ("arrivals_s", "until_s", "silent"),
+    [
+        (TENTHS, 2.15, "1.2"),
+        ([], 1.55, "1.5"),  # from the beginning
+        ([1.0 * row for row in range(6)], 15.05, "10.0"),  # and not in between
+        ([*TENTHS, *(5.0 + row for row in TENTHS)], 7.05, "1.1"),  # whatever silence came before
+    ],
+)
+def test_a_silent_device_shows_no_old_value(arrivals_s: Collection[float], until_s: float, silent: str) -> None:
+    live = Live(crazyflie=volts(0))
+    blocks = {round(arrival_s / BLOCK_S) for arrival_s in arrivals_s}
     shown = []
     for block in range(round(until_s / BLOCK_S)):
-        came = any(round(arrival_s / BLOCK_S) == block for arrival_s in arrivals_s)
-        columns = [np.zeros(int(came)), np.full(int(came), 3.92)]
-        recorder.progress["crazyflie"].add(Block(columns), block * BLOCK_S)
-        shown.append(line_of(recorder)[1])
-    return shown
+        live.now_s = block * BLOCK_S
+        live.add("crazyflie", 3.92, rows=int(block in blocks))
+        shown.append(live.line()[1])
 
-
-def test_a_tachometers_latest_speed_is_shown() -> None:
-    recorder, _ = recorder_of(tachometer=displayed("rpm"), crazyflie=volts(0))
-    for rpm in (9000.2, 13537.4):
-        recorder.progress["tachometer"].add(Block([np.zeros(1), np.full(1, rpm)]), 0.1)
-    assert line_of(recorder)[1].strip() == "13537 rpm"
-
-
-def test_a_silent_vehicle_shows_no_old_voltage() -> None:
-    shown = shown_after([0.1 * row for row in range(10)], until_s=2.15)
-
-    assert shown[20] == "3.92 V"
-    assert shown[-1] == "crazyflie: no data 1.2 s"
-
-
-def test_a_device_that_never_sends_is_silent_from_the_beginning() -> None:
-    assert shown_after([], until_s=1.55)[-1] == "crazyflie: no data 1.5 s"
-
-
-def test_a_device_that_sends_a_row_a_second_is_not_silent_in_between() -> None:
-    shown = shown_after([1.0 * row for row in range(6)], until_s=15.05)
-
-    assert {"3.92 V"} == set(shown[20:160])
-    assert shown[-1] == "crazyflie: no data 10.0 s"
-
-
-def test_a_silence_that_ended_makes_the_next_no_longer() -> None:
-    regular = [0.1 * row for row in range(10)]
-    shown = shown_after([*regular, *(5.0 + row for row in regular)], until_s=7.05)
-
-    assert shown[-1] == "crazyflie: no data 1.1 s"
+    assert shown[-1] == f"crazyflie: no data {silent} s"
+    assert {text for block, text in enumerate(shown) if block in blocks} <= {"3.92 V"}
+    assert silent != "10.0" or {"3.92 V"} == set(shown[20:160])

@@ -1,0 +1,500 @@
+"""The load cell's box: every record is a row or a loss in its place, and whatever breaks the stream is told."""
+
+import os
+import socketserver
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cfid.errors import DeviceError
+from cfid.records.files import RIG_FILE
+from cfid.records.rig_file import LoadCellBox, load_rig
+from cfid.rig.check import judge_buffer
+from cfid.rig.hardware import Address, DatagramPort, Real, TakeDatagram
+from cfid.rig.loadcell import RECEIVE_BUFFER_BYTES, read_once, read_settings, ready_loadcell, resolved
+from cfid.wire.rdt import Command, Request, decode_request, encode_request
+from tests.virtual_lab import LOADCELL_HZ, Lab, Logged, held_elsewhere, lab_in, recorded
+
+LOG = ("log", "loadcell")
+BLOCK = 14  # records per datagram
+STRANGER = ("192.0.2.66", 4000)
+
+
+@pytest.fixture
+def lab(tmp_path: Path) -> Iterator[Lab]:
+    with lab_in(tmp_path) as lab:
+        yield lab
+
+
+class Recording(Logged):
+    """A recording of the load cell; things happen `at` seconds from its start."""
+
+    def __init__(self, lab: Lab, *words: object, at: Mapping[float, Callable[[], object]] = MappingProxyType({})):
+        super().__init__(lab, "loadcell", *words, at=at)
+        self.arrivals: dict[str, int] = self.facts["arrivals"]
+
+    def check(self, *, requests: int = 1) -> None:
+        """Check that rows and losses add up to what the box sent, in order, and that each time is that of its count."""
+        rows = self.rows
+        assert self.device.rows == len(rows)
+        assert self.arrivals["lost"] == self.lost
+        assert np.all(np.diff(self.times_s) > 0)
+        if requests == 1:
+            assert len(rows) + self.lost == rows["rdt_sequence"].iloc[-1]
+            assert np.all(np.diff(rows["rdt_sequence"]) > 0)
+            assert np.all(
+                (rows["ft_sequence"] - 10 * rows["rdt_sequence"]) % 2**32 == (rows["ft_sequence"][0] - 10) % 2**32
+            )
+            apart_s = np.diff(self.times_s) / np.diff(rows["rdt_sequence"])
+            assert np.abs(apart_s - 1 / LOADCELL_HZ).max() < 3e-6
+
+
+def box_of(lab: Lab) -> LoadCellBox:
+    """Return the box as rig.toml states it, at its simulated address."""
+    box = lab.hardware.devices(lab.folder, load_rig(lab.folder / RIG_FILE))[0].loadcell
+    assert isinstance(box, LoadCellBox)
+    return box
+
+
+# Datagrams
+
+
+@pytest.mark.parametrize("first_ft", [1000, 2**32 - 20_000])
+def test_all_records_are_rows_evenly_timed_over_the_wrap_of_the_count_too(lab: Lab, first_ft: int) -> None:
+    lab.box.box._first_ft_sequence = first_ft
+    log = Recording(lab, "--for", 4)
+
+    assert log.ended.code == 0
+    assert log.run.header.state == "complete"
+    assert (log.lost, log.gaps) == (0, [])
+    assert len(log.rows) == pytest.approx(4 * LOADCELL_HZ, abs=60)
+    log.check()
+
+
+@pytest.mark.parametrize("fault", ["drop_every", "duplicate_every", "reorder_every", "corrupt_every"])
+def test_what_the_network_does_to_datagrams_is_counted_and_no_row_is_out_of_its_place(lab: Lab, fault: str) -> None:
+    lab.loadcell_suffers(**{fault: 7})
+    log = Recording(lab, "--for", 4)
+    mishaps = lab.box.mishaps
+
+    assert log.ended.code == 0
+    log.check()
+    dropped = pytest.approx(mishaps.dropped_records, abs=BLOCK)
+    if fault == "corrupt_every":
+        assert log.arrivals["malformed_datagrams"] > 5
+        assert log.lost > BLOCK * log.arrivals["malformed_datagrams"] / 2
+    else:
+        assert log.lost == dropped
+    assert log.arrivals["duplicates"] == pytest.approx(mishaps.duplicated_records, abs=BLOCK)
+    assert (log.arrivals["reordered"] > 0) == (fault == "reorder_every")
+
+
+def test_a_flipped_bit_of_a_number_is_never_a_row_with_a_wrong_number(lab: Lab) -> None:
+    rng, due, flipped = np.random.default_rng(6), lab.box.due, [0]
+
+    def harmed(now_s: float) -> list[tuple[bytes, Address]]:
+        datagrams = [(bytearray(data), client) for data, client in due(now_s)]
+        for data, _ in datagrams:
+            if rng.integers(6) == 0:
+                data[36 * rng.integers(BLOCK) + rng.integers(8)] ^= 1 << rng.integers(8)
+                flipped[0] += 1
+        return [(bytes(data), client) for data, client in datagrams]
+
+    lab.box.due = harmed  # type: ignore[method-assign]
+    log = Recording(lab, "--for", 8)
+
+    assert log.ended.code == 0
+    assert flipped[0] > 30
+    assert log.lost == log.arrivals["rejected"] == pytest.approx(flipped[0], abs=2)
+    log.check()
+
+
+@contextmanager
+def other_ports(lab: Lab, change: Callable[[DatagramPort, TakeDatagram], None]) -> Iterator[None]:
+    """Change each UDP port that is opened; the change also gets what takes its datagrams."""
+    opened = lab.hardware.datagrams
+
+    def datagrams(address: Address, take: TakeDatagram) -> DatagramPort:
+        port = opened(address, take)
+        change(port, take)
+        return port
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(lab.hardware, "datagrams", datagrams)
+        yield
+
+
+def test_datagrams_of_strangers_are_counted_and_dropped(lab: Lab) -> None:
+    def disturb(port: DatagramPort, take: TakeDatagram) -> None:
+        for k in range(20):
+            lab.hardware.at(0.1 * k, take, bytes(36), STRANGER, lab.hardware.seconds() + 0.1 * k)
+
+    with other_ports(lab, disturb):
+        log = Recording(lab, "--for", 3)
+
+    assert log.ended.code == 0
+    assert log.arrivals["foreign_datagrams"] == 20
+    assert log.lost == 0
+    log.check()
+
+
+def test_a_smaller_receive_buffer_is_said_by_log_and_by_check(lab: Lab) -> None:
+    def shrink(port: DatagramPort, take: TakeDatagram) -> None:
+        port.buffer_bytes = 212_992
+
+    with other_ports(lab, shrink):
+        log, checked = Recording(lab, "--for", 1), lab.cfid("rig", "check")
+
+    assert "net.core.rmem_max" in log.ended.err
+    assert log.facts["receive_buffer_bytes"] == 212_992
+    assert "net.core.rmem_max" in checked.out
+    assert [judge_buffer(RECEIVE_BUFFER_BYTES - less).state for less in (0, 1)] == ["ok", "warning"]
+
+
+# Silence
+
+
+def test_a_silence_is_bridged_by_asking_again_and_is_a_gap_with_its_losses(lab: Lab) -> None:
+    log = Recording(
+        lab, "--for", 8, at={2.0: lambda: lab.loadcell_suffers(silent_after_s=0), 4.5: lab.loadcell_suffers}
+    )
+    (gap,) = log.gaps
+    missing = (log.rows["ft_sequence"].diff().dropna() / 10 - 1).sum()
+
+    assert log.ended.code == 0
+    assert gap["reason"] == "the stream broke off"
+    assert gap["to_s"] - gap["from_s"] == pytest.approx(2.5, abs=0.7)
+    assert log.lost == missing == pytest.approx(LOADCELL_HZ * (gap["to_s"] - gap["from_s"]), abs=50)
+    assert np.diff(log.times_s).max() == pytest.approx((missing + 1) / LOADCELL_HZ, abs=2e-3)
+    log.check(requests=2)
+
+
+def test_a_short_silence_is_no_end_of_the_stream(lab: Lab) -> None:
+    log = Recording(
+        lab, "--for", 4, at={2.0: lambda: lab.loadcell_suffers(silent_after_s=0), 2.5: lab.loadcell_suffers}
+    )
+
+    assert log.reasons == ["no record came"]
+    assert log.lost == pytest.approx(0.5 * LOADCELL_HZ, abs=2 * BLOCK)
+    log.check()
+
+
+@pytest.mark.parametrize(("ends_s", "code"), [(3.6, 0), (5.0, 3)])
+def test_a_silence_at_the_end_is_a_gap_with_its_losses_and_a_longer_one_fails_the_run(
+    lab: Lab, ends_s: float, code: int
+) -> None:
+    log = Recording(lab, "--for", ends_s, at={3.0: lambda: lab.loadcell_suffers(silent_after_s=0)})
+
+    assert log.ended.code == code
+    assert log.run.header.state == ("failed" if code else "complete")
+    assert log.reasons == ["silent at the end"]
+    assert log.lost == pytest.approx((ends_s - 3) * LOADCELL_HZ, abs=50)
+
+
+def test_a_silence_for_good_fails_the_run_after_ten_seconds_with_its_rows_kept(lab: Lab) -> None:
+    log = Recording(lab, at={2.0: lambda: lab.loadcell_suffers(silent_after_s=0)})
+
+    assert log.ended.code == 3
+    assert log.run.header.state == "failed"
+    assert "sent nothing more" in log.run.header.reason
+    assert len(log.rows) == pytest.approx(2 * LOADCELL_HZ, abs=50)
+    assert log.lost == pytest.approx(10 * LOADCELL_HZ, rel=0.02)
+    assert log.took_s == pytest.approx(12, abs=0.7)
+
+
+def test_while_motors_run_a_silence_ends_the_run_in_half_a_second(lab: Lab) -> None:
+    lab.hardware.at(2.0, lambda: lab.loadcell_suffers(silent_after_s=0))
+    with ExitStack() as held:
+        cell = ready_loadcell(box_of(lab), lab.hardware, held, say=lambda _: None, patient=False)
+        run, error, _ = recorded(lab.hardware, lab.folder, cell, for_s=9)
+
+    assert isinstance(error, DeviceError)
+    assert run.header.state == "failed"
+    assert lab.hardware.seconds() < 1.0 + 2.0 + 0.4 + 0.05 + 0.1  # limit, block, and the stop of the box
+
+
+def jump(lab: Lab, numbers: tuple[int, int]) -> None:
+    """Add to the two numbers of each record from now on."""
+    due = lab.box.due
+
+    def moved(now_s: float) -> list[tuple[bytes, Address]]:
+        datagrams = []
+        for data, client in due(now_s):
+            words = np.frombuffer(data, ">u4").reshape(-1, 9).copy()
+            words[:, :2] = (words[:, :2].astype(np.int64) + numbers) % 2**32
+            datagrams.append((words.tobytes(), client))
+        return datagrams
+
+    lab.box.due = moved  # type: ignore[method-assign]
+
+
+@pytest.mark.parametrize("numbers", [(0, 1_000_000), (0, -50_000)])
+def test_a_count_that_jumps_begins_anew_and_moves_no_time(lab: Lab, numbers: tuple[int, int]) -> None:
+    log = Recording(lab, "--for", 5, at={3.0: lambda: jump(lab, numbers)})
+
+    assert log.ended.code == 0
+    assert "restarted" in log.ended.err
+    assert np.ptp(log.times_s) == pytest.approx(5, abs=0.2)
+    assert np.all(np.diff(log.times_s) > 0)
+    assert log.lost < 50
+
+
+@pytest.mark.parametrize("powered_s", [2.0, 0.5])
+def test_a_box_that_restarts_is_asked_again_and_time_never_goes_back(lab: Lab, powered_s: float) -> None:
+    """After a short time its new count may lie above the old one, which only the times of arrival refute."""
+    if powered_s < 1:
+        lab.box.box._first_ft_sequence = 0
+    log = Recording(lab, "--for", 6, at={powered_s: lambda: lab.cut_power(0.4 if powered_s < 1 else 1.5)})
+
+    assert log.ended.code == 0
+    assert log.reasons == ["the box was restarted"]
+    assert (log.rows["ft_sequence"].diff().min() < 0) == (powered_s > 1)
+    assert np.ptp(log.times_s) == pytest.approx(6, abs=0.1)
+    assert log.lost == 0  # a box without power samples nothing
+    log.check(requests=2)
+
+
+# Another client
+
+
+def steal(lab: Lab) -> None:
+    lab.box.box.request(encode_request(Request(Command.REAL_TIME)), STRANGER, lab.hardware.seconds())
+    lab.box.box.request(encode_request(Request(Command.STOP)), STRANGER, lab.hardware.seconds())
+
+
+@pytest.mark.parametrize("times", [1, 3])
+def test_another_client_that_takes_the_stream_costs_a_gap_each_time(lab: Lab, times: int) -> None:
+    log = Recording(lab, "--for", 3 * times + 3, at={3.0 * k: lambda: steal(lab) for k in range(1, times + 1)})
+
+    assert log.ended.code == 0
+    assert log.reasons == ["the stream broke off"] * times
+    assert log.lost == pytest.approx(times * 1.1 * LOADCELL_HZ, rel=0.1)
+    assert log.lost == (log.rows["ft_sequence"].diff().dropna() / 10 - 1).sum()
+    log.check(requests=2)
+
+
+def test_another_client_that_takes_the_stream_is_told_by_check(lab: Lab) -> None:
+    lab.box.thief = STRANGER
+    checked = lab.cfid("rig", "check")
+
+    assert checked.code == 3
+    assert "another client" in checked.out
+
+
+def test_a_box_that_is_held_is_told_with_who_holds_it_and_left_alone(lab: Lab) -> None:
+    box = box_of(lab)
+    with held_elsewhere(f"{box.address}:{box.rdt_port}") as process:
+        ended, checked = lab.cfid(*LOG), lab.cfid("rig", "check")
+
+    assert (ended.code, checked.code) == (3, 0)
+    assert f"process {process} " in ended.err
+    assert f"process {process} " in checked.out
+    assert lab.box.client == ("", 0)
+
+
+# The end
+
+
+def lose_stops(lab: Lab, is_lost: Callable[[int], bool]) -> list[float]:
+    """Lose those requests to stop whose number, from 1, `is_lost` selects; return when they were sent."""
+    request, stops = lab.box.request, list[float]()
+
+    def sometimes(datagram: bytes, client: Address, now_s: float) -> None:
+        if decode_request(datagram) == Request(Command.STOP):
+            stops.append(now_s)
+            if is_lost(len(stops)):
+                return
+        request(datagram, client, now_s)
+
+    lab.box.request = sometimes  # type: ignore[method-assign]
+    return stops
+
+
+@pytest.mark.parametrize("rate_hz", [1, 7, 100, 700, 7000])
+def test_a_request_to_stop_that_is_lost_leaves_no_stream(lab: Lab, rate_hz: int) -> None:
+    stops = lose_stops(lab, lambda number: number == 1)
+    log = Recording(lab, "--rate-hz", rate_hz, "--for", 4 if rate_hz < 700 else 0.3)
+
+    assert log.ended.code == 0
+    assert not lab.box.streaming
+    assert len(stops) >= 2
+    assert lab.hardware.seconds() < stops[0] + 1.5
+    assert log.gaps == []
+
+
+@pytest.mark.parametrize("rate_hz", [7, 700])
+def test_a_box_that_does_not_stop_is_said(lab: Lab, rate_hz: int) -> None:
+    stops = lose_stops(lab, lambda number: True)
+    ended = lab.cfid(*LOG, "--rate-hz", rate_hz, "--for", 2, streaming=True)
+
+    assert ended.code == 0
+    assert "switch it off" in ended.err
+    assert len(stops) == 5
+    assert lab.hardware.seconds() < stops[0] + 1.5
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_a_signal_ends_a_run_that_is_complete_and_stops_the_box(lab: Lab, name: str) -> None:
+    log = Recording(lab, "--for", 60, at={1.0: lambda: lab.hardware.request_end(name)})
+
+    assert log.ended.code == 0
+    assert log.run.header.state == "complete"
+    assert log.run.header.reason.startswith(f"ended by {name} after")
+    log.check()
+
+
+def test_an_end_before_the_first_row_is_an_interruption(lab: Lab) -> None:
+    lab.loadcell_suffers(udp_blocked=True)
+    log = Recording(lab, at={0.5: lab.hardware.request_end})
+
+    assert (log.ended.code, log.ended.out) == (130, "")
+    assert log.run.header.state == "interrupted"
+
+
+# What cannot be recorded
+
+
+@pytest.mark.parametrize(("words", "took_s"), [((), 3.5), (("--for", 0.5), 1.0)])
+def test_a_box_whose_records_never_arrive_fails_the_run_and_check_names_the_firewall(
+    lab: Lab, words: tuple[object, ...], took_s: float
+) -> None:
+    lab.loadcell_suffers(udp_blocked=True)
+    log, checked = Recording(lab, *words), lab.cfid("rig", "check")
+
+    assert log.ended.code == checked.code == 3
+    assert log.run.header.state == "failed"
+    assert (len(log.rows), log.gaps) == (0, [])
+    assert log.took_s < took_s
+    assert "firewall" in checked.out
+
+
+def test_a_box_that_is_off_is_told_by_log_and_by_check(lab: Lab) -> None:
+    lab.loadcell_suffers(restart_after_s=0, restart_for_s=1e9)
+    ended, checked = lab.cfid(*LOG), lab.cfid("rig", "check")
+
+    assert ended.code == checked.code == 3
+    assert "no answer" in ended.err
+    assert checked.out.count("no answer") == 2  # over HTTP and TCP
+    assert checked.err.endswith("cfid: not ready: loadcell.\n")
+    assert lab.run_folder() is None
+
+
+def test_a_slow_box_is_waited_for(lab: Lab) -> None:
+    lab.loadcell_suffers(slow_s=0.3)
+    log = Recording(lab, "--for", 0.5)
+
+    assert log.ended.code == lab.cfid("rig", "check").code == 0
+    log.check()
+
+
+@pytest.mark.parametrize(("refuses", "rate_hz", "kept"), [(True, 350, "700 Hz"), (False, 3000, "3500 Hz")])
+def test_a_rate_that_the_box_does_not_take_is_told_with_the_one_that_it_keeps(
+    lab: Lab, refuses: bool, rate_hz: int, kept: str
+) -> None:
+    lab.loadcell_suffers(refuse_settings=refuses)
+    ended = lab.cfid(*LOG, "--rate-hz", rate_hz)
+
+    assert ended.code == 3
+    assert f"keeps {kept}" in ended.err
+    assert lab.run_folder() is None
+
+
+@contextmanager
+def answering(answer: bytes) -> Iterator[int]:
+    """Answer every request over TCP with the same bytes; yield the port."""
+
+    class Answer(socketserver.BaseRequestHandler):
+        def handle(self) -> None:
+            self.request.recv(4096)
+            self.request.sendall(answer)
+
+    with socketserver.TCPServer(("127.0.0.1", 0), Answer) as server:
+        thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
+        thread.start()
+        yield server.server_address[1]
+        server.shutdown()
+        thread.join()
+
+
+@pytest.mark.parametrize(
+    ("answer", "word"),
+    [
+        (b"HTTP/1.0 404 Not Found\r\n\r\n", "404"),
+        (b"HTTP/1.0 200 OK\r\n\r\n<router><name>r</name></router>", "setcfgsel"),
+        (b"SSH-2.0-OpenSSH_9.6\r\n", "does not speak HTTP"),
+        (b"", "Is the box powered"),
+    ],
+    ids=["404", "other XML", "no HTTP", "hung up"],
+)
+def test_another_device_at_the_address_is_told(answer: bytes, word: str) -> None:
+    with answering(answer) as port:
+        box = LoadCellBox(address="127.0.0.1", http_port=port, tcp_port=port)
+        with pytest.raises(DeviceError, match=word):
+            read_settings(box, Real())
+        with pytest.raises(DeviceError, match=rf"TCP {port}"):
+            read_once(box, Real())
+
+
+def test_a_port_on_which_nothing_listens_is_told() -> None:
+    with answering(b"") as port:
+        box = LoadCellBox(address="127.0.0.1", http_port=port, tcp_port=port)
+    for ask in (read_settings, read_once):
+        with pytest.raises(DeviceError, match="refused"):
+            ask(box, Real())
+
+
+@pytest.mark.parametrize("address", ["a box", "a..b", ""])
+def test_an_address_that_is_none_is_told_and_a_name_is_resolved(address: str) -> None:
+    with pytest.raises(DeviceError, match="no address"):
+        resolved(LoadCellBox.model_construct(address=address), Real())
+    assert resolved(LoadCellBox(address="localhost"), Real()).address == "127.0.0.1"
+
+
+# What the status word reports
+
+
+@pytest.mark.parametrize(
+    ("act", "word"),
+    [
+        (lambda box: box.load_cell.overload(), "saturation"),
+        (lambda box: setattr(box, "status", 0x80020000), "saturation"),
+        (lambda box: setattr(box, "status", 0x88000000), "link to the transducer"),
+        (lambda box: setattr(box, "status", 0x80000004), "temperature"),
+    ],
+    ids=["overload", "saturation", "link", "temperature"],
+)
+def test_an_error_ends_the_run_within_100_ms_with_its_rows_kept(
+    lab: Lab, act: Callable[[Any], object], word: str
+) -> None:
+    log = Recording(lab, at={2.0: lambda: act(lab.box.box)})
+
+    assert log.ended.code == 3
+    assert log.run.header.state == "failed"
+    assert word in log.run.header.reason
+    assert (log.rows["status"] == 0).sum() == pytest.approx(2 * LOADCELL_HZ, abs=60)
+    assert log.took_s < 2 + 0.1 + 0.2  # the limit, and the stop of the stream
+    assert lab.cfid("rig", "check").code == 3
+
+
+def test_a_latched_threshold_is_a_note_and_no_fault(lab: Lab) -> None:
+    lab.box.box.status = 0x80010000
+    log = Recording(lab, "--for", 1)
+
+    assert log.ended.code == 0
+    assert log.ended.err.count("0x80010000") == 1
+    assert log.facts["said"] == ["a threshold is latched"]
+
+
+def test_the_box_is_held_while_it_records(lab: Lab) -> None:
+    with ExitStack() as held:
+        ready_loadcell(box_of(lab), lab.hardware, held, say=lambda _: None)
+        ended = lab.cfid(*LOG)
+
+    assert ended.code == 3
+    assert f"process {os.getpid()} " in ended.err

@@ -1,0 +1,546 @@
+"""Devices that send text: each whole line is a row, and every other line is counted, by the device's clock or rate."""
+
+import json
+import re
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+import pytest
+
+from cfid.console.log_summary import devices_of
+from cfid.errors import ConfigError, DeviceError
+from cfid.recordings.angle import angle_record
+from cfid.recordings.read import read_recording
+from cfid.recordings.wrench import wrench_of
+from cfid.records.rig_file import EncoderLines, LineDevice, LineValue, LoadCellLines
+from cfid.records.run import Facts, facts_of, gaps
+from cfid.rig.check import check_lines
+from cfid.rig.lock import DeviceLock
+from cfid.rig.text_lines import ready_lines
+from tests.known import known
+from tests.virtual_lab import Board, Lab, Recorded, held_elsewhere, lab_in, recorded
+
+CELL = LoadCellLines(
+    kind="lines",
+    port="port",
+    rate_hz=80,
+    values=(LineValue(name="device_us"), LineValue(name="Fz", unit="g", scale=0.5)),
+)
+CLOCKLESS = CELL.model_copy(update={"values": CELL.values[1:]})
+G = 9.80665e-3  # newtons per gram
+PERIOD_US = 12500
+Lines = Callable[[int], bytes]
+
+
+@pytest.fixture
+def lab(tmp_path: Path) -> Lab:
+    return Lab(tmp_path)
+
+
+def line(n: int) -> bytes:
+    """Return a line whose force numbers it, with a clock that wraps after a few lines."""
+    return b"%d,%d\r\n" % ((PERIOD_US * n + 4_294_000_000) % 2**32, n)
+
+
+def ticking(ticks_us: Callable[[int], int]) -> Lines:
+    return lambda n: b"%d,%d\r\n" % (ticks_us(n) % 2**32, n)
+
+
+def but(places: Collection[int], sent: Lines, instead: Lines = lambda n: b"") -> Lines:
+    """Return the lines, with others at some places."""
+    return lambda n: (instead if n in places else sent)(n)
+
+
+@contextmanager
+def plugged(lab: Lab, sent: Lines, setting: LineDevice, *, every: float = 1.0) -> Iterator[LineDevice]:
+    """Plug in a board that sends at the stated rate, in pieces of `every` lines; yield its setting."""
+    board = Board(sent, rate_hz=setting.rate_hz / every)
+    yield setting.model_copy(update={"port": lab.plug_in(board, f"{lab.port}-board")})
+
+
+class Log(Recorded):
+    """A recording of a device that sends lines; things happen `at` seconds from its start."""
+
+    def __init__(
+        self,
+        lab: Lab,
+        sent: Lines,
+        *,
+        setting: LineDevice = CELL,
+        for_s: float | None = 5.0,
+        patient: bool = True,
+        every: float = 1.0,
+        at: dict[float, Callable[[], object]] | None = None,
+        **options: Any,
+    ) -> None:
+        with plugged(lab, sent, setting, every=every) as plugged_in, ExitStack() as held:
+            name = "loadcell" if isinstance(setting, LoadCellLines) else "encoder"
+            said: list[str] = []
+            device = ready_lines(name, plugged_in, lab.hardware, held, say=said.append, patient=patient, **options)
+            for seconds, act in (at or {}).items():
+                lab.hardware.at(seconds, act)
+            begun_s = lab.hardware.seconds()
+            run, self.error, _ = recorded(lab.hardware, lab.folder, device, for_s=for_s)
+        self.said, self.took_s = said, lab.hardware.seconds() - begun_s
+        super().__init__(run, name, begun_s=begun_s)
+
+    @property
+    def numbers(self) -> npt.NDArray[np.int64]:
+        """The numbers of the lines that are rows."""
+        numbers: npt.NDArray[np.int64] = np.rint(self.rows["Fz"].to_numpy() / (0.5 * G)).astype(np.int64)
+        return numbers
+
+    @property
+    def missing(self) -> int:
+        """How many lines between the first and the last row are no rows."""
+        return int(np.ptp(self.numbers)) + 1 - len(self.rows)
+
+
+# Rows
+
+
+def test_lines_are_rows_in_newtons_with_the_devices_clock_unwrapped(lab: Lab) -> None:
+    log = Log(lab, line)
+
+    assert log.error is None
+    assert list(log.rows.columns) == ["t", "Fz", "device_us"]
+    assert log.numbers.tolist() == list(range(1, len(log.rows) + 1))
+    assert log.rows["Fz"].to_numpy() == pytest.approx(0.5 * G * log.numbers)
+    assert set(np.diff(log.rows["device_us"])) == {PERIOD_US}
+    assert log.times_s == pytest.approx(log.numbers / 80, abs=0.003)
+    assert (log.lost, log.reasons, log.said) == (0, [], [])
+    assert set(log.losses.values()) == {0}
+    assert (log.facts["units"], log.facts["lines"]["values"][1]) == ("n,nm", {"name": "Fz", "unit": "g", "scale": 0.5})
+    wrench = wrench_of(read_recording(log.run.folder))
+    assert wrench.axes == ("Fz",)
+    assert np.isnan(wrench.torque_nm).all()
+
+
+def test_half_lines_junk_and_many_lines_at_once_leave_only_whole_lines(lab: Lab) -> None:
+    """The first line has lost its beginning, the last its end; junk lies between."""
+    pieces = [b"999,9", b"99\r\n", *(part for n in range(40) for part in (line(n)[:4], line(n)[4:]))]
+    pieces += [b"\xff\xfe\x00\x1b[2J\r\n" + b"5" * 1500 + b"\r\n", b"".join(map(line, range(40, 140))), line(200)[:-3]]
+    log = Log(lab, lambda n: pieces[n] if n < len(pieces) else b"", for_s=1.2)
+
+    assert log.numbers.tolist() == list(range(140))
+    assert log.lost == log.losses["lines_that_do_not_match"] == 2
+
+
+def test_an_angle_is_a_column_in_counts_of_the_stated_turn_or_in_radians(lab: Lab, tmp_path: Path) -> None:
+    def encoder(unit: str) -> EncoderLines:
+        return EncoderLines(kind="lines", port="p", rate_hz=500, values=(LineValue(name="phi", unit=unit),))
+
+    in_counts = Log(lab, lambda n: b"%d\n" % (n % 4096), setting=encoder("counts"), counts_per_turn=4096, for_s=1)
+    (tmp_path / "other").mkdir()
+    in_degrees = Log(Lab(tmp_path / "other"), lambda n: b"%d\n" % (n % 360), setting=encoder("deg"), for_s=1)
+
+    assert in_counts.rows["phi"].max() > 400
+    assert in_counts.device.counts_per_turn == 4096
+    assert in_degrees.rows["phi"].max() == pytest.approx(2 * np.pi, abs=0.02)
+    with pytest.raises(ConfigError, match="counts_per_turn"):
+        Log(lab, line, setting=encoder("counts"), counts_per_turn="rls-13bit-in-22")
+
+
+# Losses
+
+
+DEVICES = """
+[devices.encoder]
+rate_hz = 100
+[devices.loadcell]
+kind = "lines"
+port = "/dev/null"
+rate_hz = 200
+values = [{0}{{ name = "Fz", unit = "mN" }}]
+"""
+
+
+def logged(folder: Path, sent: Lines, *, board_hz: float, clocked: bool) -> tuple[Any, dict[str, Any], int, Lab]:
+    """Log a load cell whose force in mN numbers its lines, by a command.
+
+    Return what it said, its summary of the device, and how many lines between the rows are missing.
+    """
+    with lab_in(folder, DEVICES.format("{ name = 'device_us' }, " if clocked else "")) as lab:
+        lab.plug_in(Board(sent, rate_hz=board_hz))
+        said = lab.cfid("log", "loadcell", "--for", 5, "--json")
+    assert said.code == 0, said.err
+    summary = json.loads(said.out)["devices"]["loadcell"]
+    numbers = np.rint(1e3 * pd.read_csv(summary["file"])["Fz"].to_numpy()).astype(int)
+    return said, summary, int(numbers[-1] - numbers[0] + 1 - len(numbers)), lab
+
+
+@pytest.mark.parametrize("clocked", [True, False], ids=["by its clock", "by the stated rate"])
+@pytest.mark.parametrize("loss", [0.1, 0.2, 0.3, 0.4])
+def test_the_counted_loss_is_the_true_one(tmp_path: Path, loss: float, clocked: bool) -> None:
+    """The clock, and the lines, are 3 % quicker than stated where the device sends one: the count is exact even so."""
+    come = np.random.default_rng(round(100 * loss)).random(2000) >= loss
+    rate_hz = 200 * (1.03 if clocked else 1.0)
+
+    def sent(n: int) -> bytes:
+        stamp = b"%d," % round(1e6 * n / rate_hz) if clocked else b""
+        return b"%s%d\n" % (stamp, n) if come[n] else b""
+
+    said, summary, missing, lab = logged(tmp_path, sent, board_hz=rate_hz, clocked=clocked)
+    listed = json.loads(lab.cfid("runs", "--json").out)["runs"][0]
+
+    assert missing == pytest.approx(loss * 5 * 200, rel=0.25)
+    assert summary["lost"] == pytest.approx(missing, abs=0 if clocked else 0.1 * 200)
+    assert lab.run().header.devices["loadcell"].lost == listed["lost"] == summary["lost"]
+    assert "rate_hz" not in said.err
+
+
+def test_losses_are_unknown_where_more_lines_come_than_rig_toml_states(tmp_path: Path) -> None:
+    said, summary, _, lab = logged(tmp_path, lambda n: b"%d\n" % n, board_hz=240, clocked=False)
+    listed = json.loads(lab.cfid("runs", "--json").out)["runs"][0]
+
+    assert summary["lost"] is None
+    assert 'lost = "unknown"' in (lab.run().folder / "run.toml").read_text()
+    assert listed["lost"] == "?"
+    assert "rate_hz" in said.err
+    assert lab.cfid("show", "last", "--json").code == 0
+
+
+def test_lines_that_are_sent_twice_leave_the_losses_unknown(lab: Lab) -> None:
+    log = Log(lab, lambda n: 2 * line(n))
+
+    assert len(log.rows) == pytest.approx(800, abs=4)
+    assert log.lost is None
+    assert len(log.said) == 1
+
+
+@pytest.mark.parametrize("torn", [b"\x1b]0;\x07no\r\n", b"torn\r\n", b"7,8,9\r\n"])
+def test_lines_that_do_not_match_are_lost_and_comment_no_rate(lab: Lab, torn: bytes) -> None:
+    log = Log(lab, but(range(0, 1000, 3), line, lambda n: torn))
+
+    assert log.error is None
+    assert log.lost == log.losses["lines_that_do_not_match"] == pytest.approx(133, abs=2)
+    assert log.missing == pytest.approx(log.lost, abs=1)
+    assert not any("rate_hz" in text for text in log.said)
+
+
+def test_lines_that_run_into_one_are_rows_or_lost(lab: Lab) -> None:
+    """One line in twenty is cut anywhere, so that the next joins it, often as a number of too many digits."""
+    rng = np.random.default_rng(3)
+    whole: Lines = ticking(lambda n: 3_000_000 + PERIOD_US * n)
+    cut = {n: rng.random() for n in range(10, 380) if rng.random() < 0.05}
+    log = Log(lab, but(cut, whole, lambda n: whole(n)[: int(cut[n] * len(whole(n)))]))
+
+    assert log.rows["device_us"].to_numpy() == pytest.approx(3_000_000 + PERIOD_US * log.numbers)
+    assert log.lost == sum(log.losses.values()) == log.missing
+    assert min(log.losses.values()) > 0
+    assert len(log.said) == 1
+
+
+@pytest.mark.parametrize("false", [[1], [1, 2], [40], [40, 41], [40, 42], [40, 41, 42]])
+def test_lines_whose_clock_jumps_there_and_back_are_lost(lab: Lab, false: Sequence[int]) -> None:
+    log = Log(lab, but(false, line, ticking(lambda n: 3_000_000_000 - 1_000_000 * n)))
+
+    assert sorted(set(range(1, 400)) - set(log.numbers)) == false
+    assert np.ptp(log.rows["device_us"]) == PERIOD_US * np.ptp(log.numbers)
+    assert log.lost == log.losses["lines_with_a_false_clock"] == len(false)
+
+
+@pytest.mark.parametrize(
+    ("ticks_us", "word"),
+    [
+        pytest.param(lambda n: PERIOD_US * n, "", id="true"),
+        pytest.param(lambda n: PERIOD_US * n + 9000 * (n % 2), "", id="uneven"),
+        pytest.param(lambda n: PERIOD_US * (n - n % 2), "", id="of every second line"),
+        pytest.param(lambda n: PERIOD_US * (n if n < 200 else n - 200), "anew", id="restarted"),
+        pytest.param(lambda n: 20 * PERIOD_US * n // 16, "went 6.", id="too quick"),
+        pytest.param(lambda n: 7, "went 0 s", id="stands"),
+    ],
+)
+def test_a_clock_that_goes_otherwise_costs_no_row_and_is_named(
+    lab: Lab, ticks_us: Callable[[int], int], word: str
+) -> None:
+    log = Log(lab, ticking(ticks_us))
+
+    assert log.error is None
+    assert log.numbers.tolist() == list(range(1, len(log.rows) + 1))
+    if word.startswith("went"):
+        assert log.lost in (0, None)
+    else:
+        assert known(log.lost) <= 1
+    assert [word in text for text in log.said] == ([True] if word else [])
+
+
+def test_a_clock_that_starts_anew_in_a_gap_leaves_its_losses_to_the_rate(lab: Lab) -> None:
+    restarted = ticking(lambda n: PERIOD_US * (n if n < 100 else n - 150))
+    log = Log(lab, but(range(100, 200), restarted))
+
+    assert log.error is None
+    assert log.lost == pytest.approx(100, abs=3)
+    assert "anew" in log.said[0]
+    assert log.reasons == ["no line came"]
+
+
+def test_a_clock_in_another_unit_jumps_in_every_line_and_ends_the_run(lab: Lab) -> None:
+    log = Log(lab, ticking(lambda n: 1000 * PERIOD_US * n), for_s=60)
+
+    assert isinstance(log.error, DeviceError)
+    assert "clock" in str(log.error)
+    assert log.took_s < 1
+
+
+def test_a_clock_in_milliseconds_that_is_coarser_than_the_lines_counts_none(lab: Lab) -> None:
+    values = (LineValue(name="device_ms"), LineValue(name="Fz", unit="g"))
+    quick = CELL.model_copy(update={"values": values, "rate_hz": 800.0})
+
+    assert Log(lab, lambda n: b"%d,%d\r\n" % (1.25 * n, n), setting=quick, for_s=3).lost == 0
+
+
+# Silence
+
+
+@pytest.mark.parametrize("setting", [CELL, CLOCKLESS], ids=["with its clock", "by the rate"])
+def test_a_silence_is_a_gap_whose_lines_are_lost(lab: Lab, setting: LoadCellLines) -> None:
+    sent: Lines = line if setting is CELL else lambda n: b"%d\n" % n
+    log = Log(lab, but(range(80, 240), sent), setting=setting)
+    (gap,) = log.gaps
+
+    assert log.error is None
+    assert log.lost == pytest.approx(160, abs=1)
+    assert log.reasons == ["no line came"]
+    assert gap["to_s"] - gap["from_s"] == pytest.approx(2, abs=0.05)
+
+
+def test_a_silence_at_the_end_is_a_gap_with_its_losses(lab: Lab) -> None:
+    log = Log(lab, but(range(160, 999), line), for_s=4)
+
+    assert log.error is None
+    assert log.reasons == ["silent at the end"]
+    assert log.lost == pytest.approx(160, abs=2)
+
+
+@pytest.mark.parametrize("damaged", [(), (150, 151, 152), range(100, 140)])
+def test_lines_that_come_in_bursts_are_lost_only_where_the_devices_clock_skips_some(
+    lab: Lab, damaged: Collection[int]
+) -> None:
+    sent = but(damaged, line)
+    log = Log(lab, lambda n: b"".join(map(sent, range(25 * n, 25 * n + 25))), every=25, for_s=4.8)
+
+    assert log.error is None
+    assert log.lost == log.missing == len(damaged)
+
+
+def test_lines_of_an_adapter_that_collects_16_ms_are_kept_after_a_gap_too(lab: Lab) -> None:
+    quick = CLOCKLESS.model_copy(update={"rate_hz": 1000.0})
+    log = Log(lab, but(range(60, 180), lambda n: b"1\n" * 16), setting=quick, every=16, for_s=6)
+
+    assert log.lost == pytest.approx(120 * 16, abs=40)
+
+
+@pytest.mark.parametrize("overflown", [0, 120])
+def test_lines_that_the_computer_kept_while_the_program_stood_still_are_not_lost(lab: Lab, overflown: int) -> None:
+    log = Log(lab, but(range(80, 80 + overflown), line), at={0.99: lambda: lab.hardware.stand_still(2.0)})
+    (gap,) = log.gaps
+
+    assert log.error is None
+    assert gap["stood_s"] == pytest.approx(1.8, abs=0.1)
+    assert log.lost == log.missing == overflown
+    assert len(log.rows) == pytest.approx(5 * 80 - overflown, abs=3)
+
+
+def test_of_lines_that_waited_none_counts_where_nothing_shows_when_each_was_sent(lab: Lab) -> None:
+    stand = {0.99: lambda: lab.hardware.stand_still(2.0)}
+    log = Log(lab, lambda n: b"%d\n" % n, setting=CLOCKLESS, at=dict(stand))
+
+    assert log.error is None
+    assert log.times_s == pytest.approx(log.numbers / 80, abs=0.01)
+    assert log.lost == log.missing == pytest.approx(160, abs=3)
+    assert devices_of(log.run)["loadcell"]["gaps"] == len(gaps(facts_of(log.run, "loadcell", Facts))) == 1
+
+
+def test_a_silence_for_good_fails_the_run_and_shows_nothing_unprintable(lab: Lab) -> None:
+    log = Log(lab, but(range(80, 9999), line, lambda n: b"\x1b[31mE%d\r\n" % n), for_s=None)
+
+    assert isinstance(log.error, DeviceError)
+    assert "?[31mE" in str(log.error)
+    assert str(log.error).isprintable()
+    assert log.took_s == pytest.approx(6, abs=0.2)
+    assert len(log.rows) == 79
+
+
+def test_a_device_none_of_whose_lines_match_fails_with_what_it_sent(lab: Lab) -> None:
+    log = Log(lab, lambda n: b"0,301,7,8\r\n", for_s=8)
+
+    assert "0,301,7,8" in str(log.error)
+    assert (len(log.rows), log.reasons) == (0, [])
+
+
+# The plug, and motors
+
+
+def test_while_motors_run_a_silence_ends_the_run_in_half_a_second(lab: Lab) -> None:
+    log = Log(lab, but(range(80, 9999), line), patient=False, for_s=None)
+
+    assert isinstance(log.error, DeviceError)
+    assert log.took_s < 1.6
+    assert len(log.rows) == 79
+
+
+def pull(lab: Lab) -> Callable[[], None]:
+    return partial(lab.unplug, f"{lab.port}-board")
+
+
+def put_back(lab: Lab) -> Callable[[], None]:
+    return partial(lab.plug_back, f"{lab.port}-board")
+
+
+def test_while_motors_run_a_pulled_plug_ends_the_run_at_once(lab: Lab) -> None:
+    log = Log(lab, line, patient=False, for_s=None, at={1.0: pull(lab)})
+
+    assert isinstance(log.error, DeviceError)
+    assert log.took_s < 1.1
+    assert len(log.rows) == pytest.approx(80, abs=2)
+
+
+def test_a_plug_that_comes_back_is_a_gap_and_one_that_stays_away_fails_the_run(lab: Lab) -> None:
+    back = Log(lab, line, for_s=6, at={1.0: pull(lab), 3.0: put_back(lab)})
+    away = Log(lab, line, for_s=4, at={1.0: pull(lab)})
+
+    assert back.error is None
+    assert back.reasons == away.reasons == ["unplugged"]
+    assert back.lost == back.missing == pytest.approx(160, abs=45)  # the port is looked for twice a second
+    assert isinstance(away.error, DeviceError)
+    assert away.lost == pytest.approx(240, abs=3)
+    assert len(away.rows) == pytest.approx(80, abs=2)
+
+
+# Ports and settings
+
+
+def test_a_port_is_locked_while_it_is_recorded_and_has_to_be_there(lab: Lab) -> None:
+    with plugged(lab, line, CELL) as setting, ExitStack() as held:
+        ready_lines("loadcell", setting, lab.hardware, held, say=print)
+        with pytest.raises(DeviceError, match="is held by"):
+            DeviceLock.take(setting.port)
+        with pytest.raises(DeviceError, match="no such port"):
+            ready_lines("loadcell", CELL, lab.hardware, held, say=print)
+
+
+def test_a_bias_and_a_rate_are_the_boxs(tmp_path: Path) -> None:
+    with lab_in(tmp_path, DEVICES.format("")) as lab:
+        for words in (("--bias",), ("--rate-hz", 100)):
+            assert lab.cfid("log", "loadcell", *words).code != 0
+    assert lab.run_folder() is None
+
+
+# cfid rig check
+
+
+def checked(lab: Lab, sent: Lines, *, setting: LineDevice = CELL, every: float = 1.0) -> dict[str, Any]:
+    """Return the answers by question."""
+    with plugged(lab, sent, setting, every=every) as plugged_in:
+        return {answer.asked: answer for answer in check_lines("loadcell", plugged_in, lab.hardware)}
+
+
+def test_check_shows_rate_clock_and_resolution(lab: Lab) -> None:
+    found = checked(lab, line)
+
+    assert {answer.state for answer in found.values()} == {"ok"}
+    assert list(found) == ["port", "lines", "device_us", "Fz"]
+    assert float(found["lines"].answer.split()[0]) == pytest.approx(80, rel=0.03)
+    assert "steps of 0.0049," in found["Fz"].answer
+
+
+@pytest.mark.parametrize("clocked", [True, False])
+def test_check_shows_lines_that_never_came(lab: Lab, clocked: bool) -> None:
+    sent: Lines = line if clocked else lambda n: b"%d\n" % n
+    found = checked(lab, but(range(0, 999, 3), sent), setting=CELL if clocked else CLOCKLESS)["lines"]
+    missing, expected = map(int, re.findall(r"(\d+) of the (\d+) expected", found.answer)[0])
+
+    assert found.state == "warning"
+    assert missing / expected == pytest.approx(1 / 3, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("sent", "asked", "state", "word"),
+    [
+        (lambda n: b"0,%d\r\n" % (301 + n), "device_us", "warning", "went 0 s"),
+        (lambda n: b"\x1b[2JFz=%d\r\n" % n, "lines", "fault", "?[2JFz="),
+        (lambda n: b"", "lines", "fault", "nothing came"),
+        (lambda n: 2 * line(n), "lines", "warning", "160"),
+    ],
+    ids=["clock", "pattern", "silent", "rate"],
+)
+def test_check_shows_what_is_wrong(lab: Lab, sent: Lines, asked: str, state: str, word: str) -> None:
+    found = checked(lab, sent)[asked]
+
+    assert found.state == state
+    assert word in found.answer
+    assert found.answer.isprintable()
+    assert found.advice
+
+
+def test_check_leaves_a_port_alone_that_is_held_and_names_one_that_is_not_there(lab: Lab) -> None:
+    with plugged(lab, line, CELL) as setting, held_elsewhere(setting.port) as process:
+        (held,) = check_lines("loadcell", setting, lab.hardware)
+        lab.hardware.ports[setting.port].unplug()
+    (absent,) = check_lines("loadcell", setting, lab.hardware)
+
+    assert held.state == "ok"
+    assert f"process {process} " in held.answer
+    assert absent.state == "fault"
+    assert "no such port" in absent.answer
+
+
+# The simulated rig
+
+
+RIG = """
+[devices.encoder]
+kind = "lines"
+port = "/dev/null"
+rate_hz = 200
+values = [{ name = "phi", unit = "deg" }, { name = "device_us" }]
+
+[devices.loadcell]
+kind = "lines"
+port = "/dev/null"
+rate_hz = 80
+pattern = 'Fz=(\\S+)'
+values = [{ name = "Fz", unit = "mN" }]
+"""
+
+
+def test_a_simulated_rig_serves_both_and_commands_record_and_judge_them(tmp_path: Path) -> None:
+    with lab_in(tmp_path, RIG) as lab:
+        checks = json.loads(lab.cfid("rig", "check", "--json").out)["devices"]
+        logs = [lab.cfid("log", name, "--for", 2) for name in ("encoder", "loadcell")]
+        preflights = [
+            json.loads(lab.cfid("rig", "preflight", *words, "--json").out)["devices"]
+            for words in (("swing", "--for", 1), ("thrust", "--for", 3, "--yes"))
+        ]
+
+    assert [answer["asked"] for answer in checks["encoder"]] == ["port", "lines", "device_us", "phi"]
+    assert [answer["asked"] for answer in checks["loadcell"]] == ["port", "lines", "Fz"]
+    assert [log.code for log in logs] == [0, 0]
+    of_angle, of_force = sorted((tmp_path / "runs").iterdir(), key=lambda folder: "loadcell" in folder.name)
+    assert len(angle_record(of_angle).time_s) > 300
+    assert len(wrench_of(read_recording(of_force)).force_n) > 150
+    judged = preflights[0]["encoder"], preflights[1]["loadcell"]
+    swing, thrust = ({answer["asked"]: answer["state"] for answer in answers} for answers in judged)
+    assert "steps of phi" in swing
+    assert (thrust["rate"], thrust["losses"], thrust["steps of Fz"]) == ("ok", "ok", "ok")
+
+
+def test_a_force_cell_that_sends_lines_gives_a_thrust_map(tmp_path: Path) -> None:
+    staircase = ("--from", 20000, "--to", 60000, "--step", 10000, "--hold", 2, "--rest", 1, "--yes")
+    with lab_in(tmp_path, RIG) as lab:
+        logged = lab.cfid("log", "thrust", *staircase, "--no-preflight")
+        fitted = lab.cfid("fit", "thrust", "*_thrust", "--json", "--no-figures")
+
+    assert logged.code == fitted.code == 0, logged.err + fitted.err
+    found = json.loads(fitted.out)["parameters"]
+    largest = found["motor.max_thrust_n"]
+    speed = 381 + 0.0408 * 65535  # of the simulated rotors
+    assert abs(largest["value"] - 1.8e-8 * speed**2) < 3 * largest["std"] < 0.01
+    assert "motor.torque_poly" not in found
