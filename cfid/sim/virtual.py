@@ -42,7 +42,6 @@ _BOX: Address = ("192.0.2.9", 49152)  # in the network reserved for examples
 _CLIENT = "192.0.2.10"
 _ECHO = Packet(ECHO_PORT, ECHO_CHANNEL, encode_echo(0))
 _ECHO_EVERY_S = 0.1
-_ROUNDING_S = 1e-9
 _numbers = itertools.count(1)
 
 
@@ -236,7 +235,7 @@ class Virtual(Hardware):
         self._go_on(self.seconds() + within_s, holds)
 
     def _go_on(self, end_s: float, holds: Callable[[], bool]) -> None:
-        while not holds() and self.seconds() < end_s - _ROUNDING_S:
+        while not holds() and self.seconds() < end_s:
             calls = self.time.calls
             self.time.advance(max(min(calls[0].getTime() if calls else end_s, end_s) - self.seconds(), 0.0))
 
