@@ -47,7 +47,7 @@ class Crossings(Instrument):
         self._rejected = self._samples = 0
         self._done: Deferred[Done] | None = None
         self._end: Done | None = None
-        self._running = self._started = False
+        self._running = self._started = self._ended = False
         self._stopped_in_s: float | None = None
 
     def start(self, hardware: Hardware) -> None:
@@ -130,7 +130,10 @@ class Crossings(Instrument):
             return
         self._missing, self._next_report = self._missing + missing, crossing.number + 1
         self._reports.append((arrived_s, crossing))
-        if crossing.sample == self._samples and self._done is not None:  # the motors are off; the byte `a` may be lost
+        if crossing.sample != self._samples:
+            return
+        self._ended = True
+        if self._done is not None:  # the motors are off; the byte `a` may be lost
             self._hardware.later(_DONE_AFTER_S + _DONE_LATE_S, self._finish, self._done, Done(None, crossing.sample))
 
     def _take_done(self, payload: bytes, arrived_s: float) -> None:
@@ -145,6 +148,7 @@ class Crossings(Instrument):
     def _finish(self, waiting: Deferred[Done], done: Done) -> None:
         if waiting is self._done and not waiting.called:
             self._end = done
+            self._missing += not self._ended and done.outcome == AppOutcome.FINISHED  # its last report was lost
             waiting.callback(done)
 
 

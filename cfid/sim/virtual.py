@@ -280,7 +280,7 @@ class Virtual(Hardware):
         self._go_on(self.seconds() + within_s, holds)
 
     def _go_on(self, end_s: float, holds: Callable[[], bool]) -> None:
-        while not holds() and self.seconds() < end_s - _ROUNDING_S:
+        while not holds() and self.seconds() < end_s:
             next_s = self.time.next_s
             self.time.advance(max(min(end_s if next_s is None else next_s, end_s) - self.seconds(), 0.0))
 

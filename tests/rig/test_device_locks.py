@@ -15,12 +15,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from cfid.rig.holder import Holder
 
 from cfid.console.recording import rig_of
 from cfid.errors import ConfigError, DeviceError
 from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import Devices, EncoderPort, Rig, load_rig, new_rig_text
-from cfid.rig.holder import Holder
 from cfid.rig.lock import DeviceLock, find_holder, holder_of, vehicles_held, vehicles_locked
 from cfid.rig.sim_file import SIM_FILE, devices_in, published
 

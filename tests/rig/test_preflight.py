@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
+from cfid.rig.sampling import Sampled
 
 from cfid.console.preflight import of_encoder
 from cfid.records.files import RUNS_FOLDER
 from cfid.records.run import DeviceRecord
 from cfid.rig.check import DeviceAnswer
-from cfid.rig.sampling import Sampled
 from tests.flying_in_a_folder import Bench, bench_in
 from tests.rig_in_a_folder import Lab, lab_in
 

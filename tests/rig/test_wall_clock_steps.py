@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cfid.rig.rdt_port import Inbox, RdtPort
 
 from cfid.records.run import read_run
 from cfid.rig.loop import Loop
-from cfid.rig.rdt_port import Inbox, RdtPort
 from cfid.wire.rdt import RECORD_BYTES
 from tests.known import known
 from tests.places import ROOT

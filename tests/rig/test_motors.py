@@ -1,0 +1,767 @@
+"""Motors stop on every way out, within every limit, and whatever else drives them is named."""
+
+import json
+import struct
+from collections.abc import Callable
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cfid.errors import ConfigError, DeviceError, StopError
+from cfid.motors.plan import StaircasePlan
+from cfid.motors.staircase.record import run_staircase
+from cfid.rig.hardware import Hardware
+from cfid.rig.instrument import Block, Instrument
+from cfid.rig.motor_commands import hold
+from cfid.rig.motors import Limits
+from cfid.rig.stop import MAY_BE_RUNNING
+from cfid.sim.crazyflie_services import parameters
+from cfid.sim.supervisor import SupervisorState
+from cfid.transfer.sines.record import play_sine
+from cfid.units import MOTORS
+from cfid.wire.app import SineRequest, omega_of
+from cfid.wire.crtp import LOG_CONTROL_CHANNEL, LOG_DATA_CHANNEL, LOG_PORT, RESET_LOG, LogCommand, Packet
+from cfid.wire.supervisor import SUPERVISOR_PORT, encode_arming
+from tests.rig.flying import ALL, Flight, Procedure, facts, flight_in, rows, states
+from tests.virtual_bench import Bench, bench_in
+
+SETPOINT = Packet(3, 0, bytes(14))  # the stock library sends this when it closes
+DISARM = encode_arming(arm=False, protocol=12)
+KINDS = pytest.mark.parametrize("firmware", ["app", "stock"])
+BOTH = pytest.mark.parametrize("platform", ["cf2", "cf21bl"])
+LONGEST_STOP_S = 0.7
+BEGUN_S = 2.0  # of a recording, when a fault begins
+
+
+def climbing(flight: Flight, stairs: StaircasePlan) -> Procedure:
+    return lambda there: run_staircase(stairs, there["commands"], hardware=flight.hardware, tell=lambda _: None)
+
+
+def playing(flight: Flight, request: SineRequest) -> Procedure:
+    return lambda there: play_sine(
+        request, there["crossings"], before_s=0.1, hardware=flight.hardware, tell=lambda _: None
+    )
+
+
+def state_of(flight: Flight) -> SupervisorState:
+    return flight.rig.crazyflie.vehicle.supervisor.state
+
+
+def idle_of(flight: Flight) -> int:
+    number = flight.rig.crazyflie.vehicle.parameter_number("powerDist.idleThrust").to_bytes(2, "little")
+    answers = flight.rig.crazyflie.vehicle.receive(b"\x2d" + number, flight.hardware.seconds())
+    return int.from_bytes(answers[0].packet[4:], "little")
+
+
+def turned(bench: Bench) -> bool:
+    return any(any(motors) for _, motors in bench.history)
+
+
+# Limits
+
+
+@pytest.mark.parametrize(
+    ("idle_thrust", "throttle_at_idle"), [(7000, 171), (7008, 172), (5000, 109), (2000, 15), (1536, 1)]
+)
+def test_the_slowest_command_is_half_the_throttle_of_idle(idle_thrust: int, throttle_at_idle: int) -> None:
+    slowest = Limits(idle_thrust=idle_thrust).slowest_command(MOTORS)
+    assert 2 * ((slowest >> 5) - 47) >= throttle_at_idle > 2 * ((slowest - 1 >> 5) - 47)
+
+
+@pytest.mark.parametrize(
+    ("idle_thrust", "motors", "slowest"),
+    [(0, MOTORS, 0), (32, MOTORS, 33), (1535, MOTORS, 1536), (7000, (1, 3), 7001)],
+)
+def test_beside_motors_at_zero_or_where_idle_turns_nothing_a_command_is_above_idle(
+    idle_thrust: int, motors: tuple[int, ...], slowest: int
+) -> None:
+    assert Limits(idle_thrust=idle_thrust).slowest_command(motors) == slowest
+
+
+@pytest.mark.parametrize(("motor", "amplitude"), [(0, 25745), (1, 23000)])
+def test_a_sine_whose_trough_is_too_slow_is_refused(motor: int, amplitude: int) -> None:
+    limits = Limits(idle_thrust=7000)
+    with pytest.raises(ConfigError, match="slower than 500 rpm"):
+        limits.check_sine(SineRequest(motor, amplitude, 0.1, 1000))
+    limits.check_sine(SineRequest(motor, amplitude - 1, 0.1, 1000))
+
+
+@pytest.mark.parametrize(
+    ("motors", "command", "allowed"),
+    [(ALL, 4256, True), (ALL, 4255, False), ((1,), 7001, True), ((1,), 7000, False), ((1, 2, 3), 7000, False)],
+)
+def test_commands_that_would_hold_a_rotor_too_slow_are_refused(
+    tmp_path: Path, motors: tuple[int, ...], command: int, allowed: bool
+) -> None:
+    with flight_in(tmp_path, crazyflie={"platform": "cf21bl"}) as flight:
+        _, failure = flight.hold(command, motors)
+        assert failure is None if allowed else isinstance(failure, ConfigError)
+        assert turned(flight) == allowed
+
+
+@KINDS
+@pytest.mark.parametrize(("command", "allowed"), [(20000, True), (20001, False)])
+def test_the_limit_of_rig_toml_is_allowed_and_one_more_never_leaves(
+    tmp_path: Path, firmware: str, command: int, allowed: bool
+) -> None:
+    with flight_in(tmp_path, largest_command=20000, crazyflie={"firmware": firmware}) as flight:
+        sent = flight.packets()
+        _, failure = flight.hold(command)
+    assert failure is None if allowed else isinstance(failure, ConfigError)
+    assert max(max(motors) for _, motors in flight.history) == (command if allowed else 0)
+    assert any(command.to_bytes(2, "little") in packet.payload for packet in sent) == allowed
+
+
+def test_a_sine_beyond_the_limit_never_leaves(tmp_path: Path) -> None:
+    with flight_in(tmp_path, largest_command=45000) as flight:
+        sent = flight.packets()
+        request = SineRequest(1, 20000, omega_of(3, 500), 500)
+        _, failure = flight.record([flight.ready.crossings()], playing(flight, request))
+    assert isinstance(failure, ConfigError)
+    assert not any(packet.port == 11 for packet in sent)
+    assert not turned(flight)
+
+
+@pytest.mark.parametrize(
+    ("request_", "expected"),
+    [
+        (SineRequest(1, 20000, 0.1, 0), "N is zero"),
+        (SineRequest(1, 20000, float("nan"), 100), "no frequency"),
+        (SineRequest(1, 20000, 0.1, 1000), "no multiple of 2 pi/N"),
+        (SineRequest(7, 20000, omega_of(3, 100), 100), "no such motor"),
+    ],
+)
+def test_the_app_refuses_nonsense_and_names_it(tmp_path: Path, request_: SineRequest, expected: str) -> None:
+    with flight_in(tmp_path) as flight:
+        _, failure = flight.record([flight.ready.crossings()], playing(flight, request_))
+    assert isinstance(failure, DeviceError)
+    assert expected in str(failure)
+    assert not turned(flight)
+
+
+class FaultyAtOnce(Instrument):
+    """An instrument whose first block already has a fault."""
+
+    name = "loadcell"
+
+    def __init__(self, record: Any) -> None:
+        self.record = record
+
+    def start(self, hardware: Hardware) -> None:
+        """It samples by itself."""
+
+    def take(self) -> Block:
+        return self.no_rows(fault="loadcell: broken.")
+
+
+@KINDS
+def test_after_a_faulty_first_block_no_procedure_begins(tmp_path: Path, firmware: str) -> None:
+    with flight_in(tmp_path, crazyflie={"firmware": firmware}) as flight:
+        sent = flight.packets()
+        instruments = [flight.ready.commands(), FaultyAtOnce(flight.ready.usual_log().record)]
+        _, failure = flight.record(instruments, flight.holding(20000, for_s=1.0))
+        flight.go_on(0.5)
+    assert "broken" in str(failure)
+    assert not turned(flight)
+    assert not any((20000).to_bytes(2, "little") in packet.payload for packet in sent)
+    assert not any(packet.port in (3, 7, 10, 11) for packet in sent)
+
+
+# Ways out: the motors are off 0.7 s later, or a message states that they may not be
+
+FAULTS: dict[str, dict[str, float]] = {
+    "silent": {"silent_after_s": 0},
+    "closed": {"closed_after_s": 0},
+    "battery": {"low_battery_after_s": 0},
+    "tumbled": {"tumble_after_s": 0},
+    "emergency": {"emergency_after_s": 0},
+    "reboot": {"reboot_after_s": 0},
+}
+OWN_DELAY_S = {"battery": 0.5, "tumbled": 0.3}  # until the fault counts as one
+
+
+@pytest.mark.parametrize("is_sine", [False, True])
+@pytest.mark.parametrize("fault", FAULTS)
+def test_with_the_app_every_fault_stops_the_motors(tmp_path: Path, fault: str, is_sine: bool) -> None:
+    with flight_in(tmp_path) as flight:
+        flight.hardware.at(BEGUN_S, partial(flight.vehicle_suffers, **FAULTS[fault]))
+        began_s = flight.hardware.seconds() + BEGUN_S
+        if is_sine:
+            request = SineRequest(1, 20000, omega_of(5, 5000), 5000)
+            run, failure = flight.record([flight.ready.crossings(), flight.ready.usual_log()], playing(flight, request))
+        else:
+            run, failure = flight.record(
+                [flight.ready.commands(), flight.ready.usual_log()], flight.holding(30000, (1, 2), for_s=20.0)
+            )
+            assert rows(run, "commands").iloc[-1].tolist()[1:] == [0, 0, 0, 0]
+        flight.go_on(1.0)
+    assert isinstance(failure, DeviceError)
+    assert MAY_BE_RUNNING not in str(failure) or fault in ("silent", "closed", "reboot")
+    assert flight.stopped_after(began_s + OWN_DELAY_S.get(fault, 0.0)) < LONGEST_STOP_S
+    assert run.header.state == "failed"
+
+
+@pytest.mark.parametrize("fault", ["silent", "closed", "battery", "tumbled", "emergency"])
+def test_with_stock_firmware_a_lost_link_alone_leaves_motors_on_and_that_is_told(tmp_path: Path, fault: str) -> None:
+    with flight_in(tmp_path, crazyflie={"firmware": "stock"}) as flight:
+        flight.hardware.at(BEGUN_S, partial(flight.vehicle_suffers, **FAULTS[fault]))
+        began_s = flight.hardware.seconds() + BEGUN_S
+        _, failure = flight.record(
+            [flight.ready.commands(), *flight.ready.watch()], flight.holding(30000, (1, 2), for_s=20.0)
+        )
+    if fault in ("silent", "closed"):
+        assert isinstance(failure, StopError)
+        assert MAY_BE_RUNNING in str(failure)
+        assert flight.motors == (30000, 30000, 0, 0)
+    else:
+        assert isinstance(failure, DeviceError)
+        assert MAY_BE_RUNNING not in str(failure)
+        assert flight.stopped_after(began_s + OWN_DELAY_S.get(fault, 0.0)) < LONGEST_STOP_S
+
+
+@KINDS
+@pytest.mark.parametrize("raised", [ValueError("a bug"), DeviceError("the load cell is lost")])
+def test_whatever_a_procedure_raises_the_motors_stop(tmp_path: Path, firmware: str, raised: Exception) -> None:
+    with flight_in(tmp_path, crazyflie={"firmware": firmware}) as flight:
+        began_s: list[float] = []
+
+        async def fail(there: Any) -> None:
+            await hold(there["commands"], 30000, (1, 2), for_s=1.0, hardware=flight.hardware)
+            began_s.append(flight.hardware.seconds())
+            raise raised
+
+        _, failure = flight.record([flight.ready.commands()], fail)
+    assert failure is raised
+    assert flight.stopped_after(began_s[0]) < LONGEST_STOP_S
+
+
+@pytest.mark.parametrize("loss", [0.1, 0.2])
+@KINDS
+def test_a_stop_that_needs_several_tries_is_tried_again(tmp_path: Path, firmware: str, loss: float) -> None:
+    with flight_in(tmp_path, crazyflie={"firmware": firmware}) as flight:
+        flight.hardware.at(1.0, flight.rig.crazyflie.radio.__init__, *_lossy(flight, loss))  # type: ignore[misc]
+        flight.hold(30000, (1,), for_s=1.5)
+    assert not any(flight.motors)
+
+
+def _lossy(flight: Flight, loss: float) -> tuple[Any, ...]:
+    truth = flight.rig.crazyflie.radio.to_vehicle._truth
+    return truth.model_copy(update={"loss": loss}), np.random.default_rng(6)
+
+
+@pytest.mark.parametrize(
+    ("firmware", "stands_s", "ends"), [("app", 0.35, False), ("app", 1.5, True), ("stock", 1.5, False)]
+)
+def test_a_program_that_stands_still_does_not_take_that_for_the_vehicles_silence(
+    tmp_path: Path, firmware: str, stands_s: float, ends: bool
+) -> None:
+    """The app stops its motors after 0.5 s; stock firmware goes on."""
+    with flight_in(tmp_path, crazyflie={"firmware": firmware}) as flight:
+
+        async def stand(there: Any) -> None:
+            await hold(there["commands"], 30000, (1, 2), for_s=1.0, hardware=flight.hardware)
+            flight.hardware.stand_still(stands_s)
+            await hold(there["commands"], 30000, (1, 2), for_s=1.5, hardware=flight.hardware)
+
+        _, failure = flight.record([flight.ready.commands(), flight.ready.usual_log()], stand)
+    assert ("no keep-alive" in str(failure)) if ends else (failure is None)
+    assert not any(flight.motors)
+
+
+def test_a_battery_that_is_empty_until_the_end_is_named_once(tmp_path: Path) -> None:
+    """Its voltage rises a little once the motors stop, and the rows that follow are written too."""
+    battery = {"kind": "lipo", "capacity_mah": 4.0, "resistance_ohm": 0.02, "open_circuit_v": (2.8, 3.3)}
+    with flight_in(tmp_path, battery=battery) as flight:
+        _, failure = flight.record(
+            [flight.ready.commands(), flight.ready.usual_log()], flight.holding(60000, for_s=60.0)
+        )
+    assert str(failure).count("the battery is at") == 1
+
+
+# The supervisor
+
+
+@pytest.mark.parametrize("time_constant_s", [0.02, 0.1, 0.3])
+def test_pauses_of_a_staircase_lock_no_brushless_vehicle_which_is_left_as_it_was_found(
+    tmp_path: Path, time_constant_s: float
+) -> None:
+    stairs = StaircasePlan(steps=(0, 4256, 9000, 60000), motors=ALL, hold_s=1.0, rest_s=0.8)
+    rotors = {"time_constant_s": time_constant_s}
+    with flight_in(tmp_path, crazyflie={"platform": "cf21bl"}, rotors=rotors) as flight:
+        run, failure = flight.record([flight.ready.commands(), flight.ready.supervisor_log()], climbing(flight, stairs))
+        flight.go_on(6.0)
+        assert failure is None
+        assert {motors for _, motors in flight.history} >= {(step,) * 4 for step in stairs.steps}
+        assert "flying" in states(run)
+        assert "locked" not in states(run)
+        assert state_of(flight) is SupervisorState.PASSED
+        assert idle_of(flight) == 7000
+        flight.send(encode_arming(arm=True, protocol=12))  # it is ready for any other client
+        flight.go_on(1.0)
+        assert state_of(flight) is SupervisorState.READY
+
+
+def test_a_sine_on_one_motor_leaves_the_others_of_a_brushless_vehicle_idling(tmp_path: Path) -> None:
+    with flight_in(tmp_path, crazyflie={"platform": "cf21bl"}, rotors={"time_constant_s": 0.3}) as flight:
+        run, failure = flight.record(
+            [flight.ready.crossings(), flight.ready.supervisor_log()],
+            playing(flight, SineRequest(1, 20000, omega_of(4, 500), 500)),
+        )
+        flight.go_on(4.0)
+    assert failure is None
+    assert {motors[1:] for _, motors in flight.history} == {(0, 0, 0), (7000, 7000, 7000)}
+    assert max(motors[0] for _, motors in flight.history) == 50000
+    assert flight.motors == (0, 0, 0, 0)
+    assert "locked" not in states(run)
+
+
+def test_a_brushless_vehicle_whose_rotor_is_blocked_is_reported_and_left_disarmed(tmp_path: Path) -> None:
+    with flight_in(tmp_path, crazyflie={"platform": "cf21bl", "stall_rpm": 4000.0}) as flight:
+        _, failure = flight.hold()
+        flight.go_on(4.0)
+        assert isinstance(failure, DeviceError)
+        assert "blocked" in str(failure)
+        assert not any(flight.motors)
+        assert state_of(flight) is SupervisorState.PASSED
+
+
+@BOTH
+@pytest.mark.parametrize("after_s", [0.2, 1.0, 2.5])
+def test_a_setpoint_that_a_closing_client_leaves_locks_nothing_with_the_app(
+    tmp_path: Path, platform: str, after_s: float
+) -> None:
+    with flight_in(tmp_path, crazyflie={"platform": platform}) as flight:
+        _, failure = flight.hold()
+        flight.go_on(after_s)
+        flight.send(SETPOINT)
+        flight.go_on(6.0)
+        assert failure is None
+        assert state_of(flight) in (SupervisorState.READY, SupervisorState.PASSED)
+
+
+@KINDS
+def test_a_setpoint_left_by_an_earlier_client_locks_nothing(tmp_path: Path, firmware: str) -> None:
+    with flight_in(tmp_path, crazyflie={"firmware": firmware}) as flight:
+        flight.send(SETPOINT)
+        flight.go_on(4.0)
+        run, failure = flight.hold(for_s=4.0)
+        flight.go_on(6.0)
+        assert failure is None
+        assert "locked" not in states(run)
+        assert state_of(flight) is SupervisorState.READY
+
+
+@KINDS
+@pytest.mark.parametrize(("fault", "name"), [("tumbled", "crashed"), ("emergency", "locked")])
+def test_a_state_in_which_motors_may_not_run_fails_the_run_by_its_name(
+    tmp_path: Path, firmware: str, fault: str, name: str
+) -> None:
+    with flight_in(tmp_path, crazyflie={"firmware": firmware}) as flight:
+        flight.hardware.at(1.0, partial(flight.vehicle_suffers, **FAULTS[fault]))
+        began_s = flight.hardware.seconds() + 1.0
+        run, failure = flight.hold(for_s=10.0)
+    assert isinstance(failure, DeviceError)
+    assert f"is {name}" in str(failure)
+    assert run.header.state == "failed"
+    assert states(run)[-1] == name
+    assert facts(run, "supervisor") | {"state_before": "ready", "state_after": name} == facts(run, "supervisor")
+    assert flight.stopped_after(began_s) < 1.0
+
+
+@pytest.mark.parametrize("late_s", [29.8, 30.1, 30.2, 30.3])
+def test_motors_wait_for_a_vehicle_that_is_away_for_a_moment(tmp_path: Path, late_s: float) -> None:
+    """A vehicle that arms itself refuses thrust for 120 to 160 ms, 30 s after it became ready."""
+    with flight_in(tmp_path) as flight:
+        flight.go_on(late_s)
+        assert flight.hold(for_s=0.3)[1] is None
+        assert turned(flight)
+
+
+@pytest.mark.parametrize("rest_s", [4.8, 4.94, 4.97, 5.0, 5.1])
+def test_a_pause_that_ends_when_the_vehicle_disarms_itself_takes_no_motors_back(tmp_path: Path, rest_s: float) -> None:
+    """The vehicle lands 2 s after its motors stop and disarms itself 3 s later, just when the next step may begin."""
+    stairs = StaircasePlan(steps=(10000, 20000), motors=ALL, hold_s=0.5, rest_s=rest_s)
+    with flight_in(tmp_path) as flight:
+        _, failure = flight.record([flight.ready.commands(), flight.ready.supervisor_log()], climbing(flight, stairs))
+    starts = [motors for (_, before), (_, motors) in pairwise(flight.history) if any(motors) and not any(before)]
+    assert failure is None
+    assert starts == [(step,) * 4 for step in stairs.steps]
+
+
+@BOTH
+def test_older_firmware_is_armed_and_watched_by_its_own_ways(tmp_path: Path, platform: str) -> None:
+    with flight_in(tmp_path, faults={"protocol": 10}, crazyflie={"platform": platform}) as flight:
+        sent = flight.packets()
+        run, failure = flight.hold(for_s=2.0)
+        again, failure_again = flight.hold(for_s=0.5)
+    assert failure is failure_again is None
+    assert (20000,) * 4 in [motors for _, motors in flight.history]
+    assert "flying" in states(run)
+    assert "flying" in states(again)
+    assert not [packet for packet in sent if packet.port == SUPERVISOR_PORT]
+
+
+@KINDS
+def test_a_brushed_vehicle_that_was_disarmed_while_it_armed_itself_is_armed(tmp_path: Path, firmware: str) -> None:
+    with flight_in(tmp_path, crazyflie={"firmware": firmware}) as flight:
+        for _ in range(30):  # late or repeated requests: one of them meets the state in which the vehicle arms itself
+            flight.send(DISARM)
+            flight.go_on(0.01)
+        flight.go_on(2.0)
+        assert state_of(flight) is SupervisorState.PASSED
+        assert flight.hold()[1] is None
+        assert (20000,) * 4 in [motors for _, motors in flight.history]
+
+
+@BOTH
+def test_an_answer_to_arming_that_is_lost_leaves_no_vehicle_disarmed(tmp_path: Path, platform: str) -> None:
+    with flight_in(tmp_path, crazyflie={"platform": platform}) as flight:
+        flight.disturb(arriving=lambda packet: [] if packet[:2] == (SUPERVISOR_PORT, 1) else [packet])
+        assert flight.hold()[1] is None
+        assert (20000,) * 4 in [motors for _, motors in flight.history]
+
+
+def silenced(flight: Flight, port: int, channel: int, *, after_s: float) -> None:
+    """Lose all packets of a channel from some time on."""
+    from_s = flight.hardware.seconds() + after_s
+    flight.disturb(
+        arriving=lambda packet: [] if packet[:2] == (port, channel) and flight.hardware.seconds() > from_s else [packet]
+    )
+
+
+@KINDS
+def test_a_vehicle_that_ceases_to_report_its_state_fails_the_run(tmp_path: Path, firmware: str) -> None:
+    with flight_in(tmp_path, crazyflie={"firmware": firmware}) as flight:
+        silenced(flight, SUPERVISOR_PORT, 0, after_s=1.0)
+        began_s = flight.hardware.seconds() + 1.0
+        _, failure = flight.hold(for_s=6.0)
+    assert "not reported its state" in str(failure)
+    assert flight.stopped_after(began_s + 1.0) < LONGEST_STOP_S
+
+
+# Stops that are confirmed
+
+
+@pytest.mark.parametrize(
+    ("firmware", "fault"),
+    [
+        ("app", {"stop_misnumbered": True}),
+        ("app", {"stop_late_s": 60.0}),
+        ("stock", {"stop_ignored": True}),
+        ("stock", {"stop_misnumbered": True}),
+        ("stock", {"stop_late_s": 60.0}),
+    ],
+)
+def test_a_stop_is_confirmed_by_its_own_answer_and_by_nothing_else(
+    tmp_path: Path, firmware: str, fault: dict[str, Any]
+) -> None:
+    with flight_in(tmp_path, faults=fault, crazyflie={"firmware": firmware}) as flight:
+        run, failure = flight.hold()
+    assert isinstance(failure, StopError)
+    assert run.header.state == "failed"
+    assert "stopped_in_s" not in facts(run, "commands")
+    assert (MAY_BE_RUNNING in str(failure)) == (firmware == "stock")
+
+
+@KINDS
+@BOTH
+@pytest.mark.parametrize(("late_s", "at_most_s"), [(0.0, 0.6), (0.3, 2.0)])
+def test_a_run_states_how_long_its_stop_took_and_one_that_is_answered_late_is_confirmed_late(
+    tmp_path: Path, firmware: str, platform: str, late_s: float, at_most_s: float
+) -> None:
+    faults = {"stop_late_s": late_s}
+    with flight_in(tmp_path, faults=faults, crazyflie={"firmware": firmware, "platform": platform}) as flight:
+        run, failure = flight.hold()
+    assert failure is None
+    assert late_s < facts(run, "commands")["stopped_in_s"] < at_most_s
+
+
+def test_a_stop_that_is_answered_and_not_obeyed_is_confirmed_once_the_motors_stand(tmp_path: Path) -> None:
+    """The app itself stops the motors half a second after the last keep-alive, and only then answers zeros."""
+    with flight_in(tmp_path, faults={"stop_ignored": True}) as flight:
+        run, failure = flight.hold()
+        assert failure is None
+        assert not any(flight.motors)
+        assert flight.hardware.seconds() >= flight.history[-1][0]
+    assert facts(run, "commands")["stopped_in_s"] > 0.35
+
+
+def test_rotors_that_may_idle_on_are_named_where_nobody_saw_them_disarmed(tmp_path: Path) -> None:
+    with flight_in(tmp_path, crazyflie={"platform": "cf21bl"}) as flight:
+
+        async def unreported(there: Any) -> None:
+            await hold(there["commands"], 20000, ALL, for_s=0.5, hardware=flight.hardware)
+            silenced(flight, SUPERVISOR_PORT, 0, after_s=0.0)
+
+        _, failure = flight.record([flight.ready.commands()], unreported)
+    assert isinstance(failure, StopError)
+    assert MAY_BE_RUNNING in str(failure)
+    assert "idle" in str(failure)
+
+
+NO_ROWS: Callable[[Packet], bool] = lambda packet: packet[:2] == (LOG_PORT, LOG_DATA_CHANNEL)  # noqa: E731
+
+
+def refusing(packet: Packet) -> list[Packet]:
+    """Replace the answer to the creation of a block by one of a vehicle without memory for it."""
+    if packet[:2] == (LOG_PORT, LOG_CONTROL_CHANNEL) and packet.payload[0] == LogCommand.CREATE:
+        return [packet._replace(payload=packet.payload[:2] + b"\x0c")]
+    return [packet]
+
+
+@KINDS
+@pytest.mark.parametrize("disturbed", [lambda packet: [] if NO_ROWS(packet) else [packet], refusing])
+def test_a_log_that_says_nothing_confirms_no_stop(tmp_path: Path, firmware: str, disturbed: Any) -> None:
+    """Version 0.2 counted every motor whose row did not come as a motor at zero."""
+    with flight_in(tmp_path, crazyflie={"firmware": firmware}) as flight:
+        flight.disturb(arriving=disturbed)
+        _, failure = flight.hold(watched=False)
+        assert isinstance(failure, StopError)
+        assert MAY_BE_RUNNING in str(failure)
+        assert not any(flight.motors)
+    with bench_in(tmp_path, crazyflie={"firmware": firmware}) as bench:
+        bench.disturb(arriving=disturbed)
+        stop = bench.start("motors", "stop")
+        assert stop.end() == 3
+        assert MAY_BE_RUNNING in stop.err
+        assert "motors stopped" not in stop.out
+
+
+# Others who drive
+
+
+def test_another_programs_stop_ends_ours_for_good(tmp_path: Path) -> None:
+    with flight_in(tmp_path) as flight:
+        flight.hardware.at(1.0, flight.send, Packet(12, 3, bytes(4)))
+        began_s = flight.hardware.seconds() + 1.0
+        _, failure = flight.hold(for_s=5.0)
+    assert "another program stopped the motors" in str(failure)
+    assert flight.stopped_after(began_s) < 0.1
+
+
+def test_a_vehicle_that_somebody_disarms_in_a_run_is_named_so(tmp_path: Path) -> None:
+    with flight_in(tmp_path, crazyflie={"platform": "cf21bl"}) as flight:
+        flight.hardware.at(2.0, flight.send, DISARM)
+        _, failure = flight.hold(for_s=6.0)
+    assert "stopped its motors: it is " in str(failure)
+
+
+def other_owner(flight: Flight, number: int = 0) -> None:
+    flight.send(Packet(12, 2, number.to_bytes(4, "little") + b"\x99\x00\x00\x00"))
+    flight.hardware.at(0.1, other_owner, flight, number + 1)
+
+
+def test_a_program_that_drives_the_motors_keeps_a_second_one_out(tmp_path: Path) -> None:
+    with flight_in(tmp_path) as flight:
+        other_owner(flight)
+        flight.go_on(0.5)
+        run, failure = flight.hold()
+    assert "another program drives the motors" in str(failure)
+    assert "stopped_in_s" not in facts(run, "commands")  # the other's motors keep running
+    assert not turned(flight)
+
+
+def test_answers_to_another_programs_keep_alives_end_no_run(tmp_path: Path) -> None:
+    with flight_in(tmp_path) as flight:
+        flight.hardware.at(0.8, other_owner, flight)
+        _, failure = flight.hold(for_s=2.0)
+    began_s = next(time_s for time_s, motors in flight.history if any(motors))
+    assert failure is None
+    assert flight.history[-1][0] - began_s == pytest.approx(2.0, abs=0.2)
+
+
+VEHICLES: dict[str, dict[str, Any]] = {
+    "app": {"firmware": "app"},
+    "stock": {"firmware": "stock"},
+    "brushless": {"platform": "cf21bl"},
+}
+EACH = pytest.mark.parametrize("vehicle", VEHICLES)
+HOLD = ("motors", "set", 30000, "--yes", "--for")
+STAIRS = ("log", "thrust", "--motor", "1,2,3,4", "--from", 20000, "--to", 30000, "--step", 10000, "--yes")
+QUICK = ("--hold", 1, "--rest", 1)
+COMMANDS = pytest.mark.parametrize("words", [(*HOLD, 1), (*STAIRS, *QUICK)], ids=["set", "thrust"])
+THRUST = 25000
+
+
+def fly(bench: Bench, thrust: int = 0) -> None:
+    """Stream setpoints as a second client of the vehicle does."""
+    bench.send(Packet(3, 0, struct.pack("<fffH", 0, 0, 0, thrust)))
+    bench.hardware.at(0.05, fly, bench, THRUST)
+
+
+def override(bench: Bench, *commands: int) -> None:
+    """Set the parameters motorPowerSet as another program does."""
+    names = [parameter.name for parameter in parameters(rpm_deck=False)]
+    values = [(f"m{motor}", struct.pack("<H", command)) for motor, command in enumerate(commands, 1)]
+    for name, value in (*values, ("enable", b"\1")):
+        bench.send(Packet(2, 2, struct.pack("<H", names.index(f"motorPowerSet.{name}")) + value))
+
+
+def supervisor_line(bench: Bench) -> dict[str, str]:
+    """Return the answer of `rig check` about the supervisor."""
+    check = bench.start("rig", "check", "--json")
+    check.end()
+    answers = json.loads(check.out)["devices"]["crazyflie"]
+    return next(dict(answer) for answer in answers if answer["asked"] == "supervisor")
+
+
+@EACH
+@COMMANDS
+def test_a_command_does_not_start_motors_while_another_client_flies_the_vehicle(
+    tmp_path: Path, vehicle: str, words: tuple[object, ...]
+) -> None:
+    with bench_in(tmp_path, crazyflie=VEHICLES[vehicle]) as bench:
+        bench.send(encode_arming(arm=True, protocol=12))
+        bench.hardware.pause(0.6)
+        fly(bench)
+        bench.hardware.pause(1.0)
+        driven = bench.motors
+        assert max(driven) >= THRUST
+        refused = bench.start(*words)
+        assert refused.end() == 3, refused.out
+        assert "setpoints" in refused.err
+        assert str(driven[0]) in refused.err
+        assert {motors for _, motors in bench.history} <= {(0,) * 4, (7000,) * 4, driven}
+        answer = supervisor_line(bench)
+        assert (answer["state"], "setpoints" in answer["advice"]) == ("fault", True)
+        assert not list(bench.folder.glob("runs/*"))
+
+
+@KINDS  # a stop disarms a Brushless, which ends its setpoints' effect
+@COMMANDS
+def test_a_command_whose_motors_another_client_drives_does_not_confirm_their_stop(
+    tmp_path: Path, firmware: str, words: tuple[object, ...]
+) -> None:
+    """With the app, whose null setpoints compete with the client's, motors run in pulses after the stop."""
+    with bench_in(tmp_path, crazyflie={"firmware": firmware}) as bench:
+        pilot = bench.start(*words)
+        pilot.wait_until_motors_run()
+        fly(bench)
+        assert pilot.end() == 3, pilot.out
+        assert MAY_BE_RUNNING in pilot.err
+        assert "setpoints" in pilot.err
+        assert "motors stopped" not in pilot.out
+
+
+def test_motors_that_turn_in_a_runs_pause_end_it(tmp_path: Path) -> None:
+    with bench_in(tmp_path, crazyflie={"firmware": "stock"}) as bench:
+        pilot = bench.start(*STAIRS, "--hold", 1, "--rest", 15)
+        pilot.wait_until_motors_run()
+        pilot.wait_until(lambda: not any(bench.motors), "the pause")
+        fly(bench)
+        began_s = bench.hardware.seconds()
+        assert pilot.end() == 3
+        assert bench.hardware.seconds() - began_s < 10
+        assert bench.run().header.state == "failed"
+
+
+@EACH
+@pytest.mark.parametrize("commands", [(22000, 0, 0, 0), (0, 0, 0, 0)], ids=["turning", "at zero"])
+def test_overriding_parameters_are_named_before_a_motor_starts_and_a_stop_clears_them(
+    tmp_path: Path, vehicle: str, commands: tuple[int, ...]
+) -> None:
+    """Those of a killed command too: version 0.2 recorded another motor beside it, and took its bias from it."""
+    with bench_in(tmp_path, crazyflie=VEHICLES[vehicle]) as bench:
+        override(bench, *commands)
+        answer = supervisor_line(bench)
+        assert (answer["state"], "motorPowerSet" in answer["advice"]) == ("fault", True)
+        for words in ((*HOLD, 1), (*STAIRS, *QUICK)):
+            refused = bench.start(*words)
+            assert refused.end() == 3, refused.out
+            assert "motorPowerSet" in refused.err
+        assert {motors for _, motors in bench.history} <= {(0,) * 4, commands}
+        assert bench.start("motors", "stop").end() == 0
+        assert not any(bench.motors)
+        assert supervisor_line(bench)["state"] == "ok"
+
+
+@EACH
+@pytest.mark.parametrize("commands", [(22000, 0, 0, 0), (0, 0, 0, 0)], ids=["turning", "at zero"])
+def test_overriding_parameters_end_a_command_that_drives_the_motors(
+    tmp_path: Path, vehicle: str, commands: tuple[int, ...]
+) -> None:
+    with bench_in(tmp_path, crazyflie=VEHICLES[vehicle]) as bench:
+        pilot = bench.start(*HOLD, 60)
+        pilot.wait_until_motors_run(0.5)
+        override(bench, *commands)
+        assert pilot.end() == 3
+        assert "motorPowerSet" in pilot.err
+        assert not any(bench.motors)
+
+
+def test_overriding_parameters_end_a_sine(tmp_path: Path) -> None:
+    with bench_in(tmp_path) as bench:
+        pilot = bench.start("log", "sine", "--motor", 1, "--l", 100, "--n", 20000, "--yes")
+        pilot.wait_until_motors_run(0.5)
+        override(bench, 0, 22000, 0, 0)
+        assert pilot.end() == 3, pilot.out
+        assert "motorPowerSet" in pilot.err
+        assert not any(bench.motors)
+
+
+@EACH
+def test_a_vehicle_whose_motors_just_stopped_is_ready_once_it_has_landed(tmp_path: Path, vehicle: str) -> None:
+    """It counts as flying for two seconds more, which version 0.2 called ok."""
+    with bench_in(tmp_path, crazyflie=VEHICLES[vehicle]) as bench:
+        assert bench.start(*HOLD, 0.5).end() == 0
+        answer = supervisor_line(bench)
+        assert answer["state"] == "ok"
+        assert answer["answer"] != "flying"
+
+
+@pytest.mark.parametrize("lost", [0, 1, 2])
+def test_a_motor_that_an_app_on_other_ports_drives_is_seen_whichever_deletion_is_lost(
+    tmp_path: Path, lost: int
+) -> None:
+    """Version 0.2 read motor 1 in place of motor 2 when one request to delete a block was lost, and exited with 0."""
+    left = [True] * lost
+
+    def passes(packet: Packet) -> bool:
+        is_deletion = packet[:2] == (LOG_PORT, LOG_CONTROL_CHANNEL) and packet.payload[0] == LogCommand.DELETE
+        return not (is_deletion and left and left.pop())
+
+    with bench_in(tmp_path) as bench:
+        rig = bench.folder / "rig.toml"
+        rig.write_text(rig.read_text() + "thrust_port = 1\nsine_port = 6\nping_port = 14\n")
+        alive, thrust = (
+            Packet(12, 2, bytes(4) + b"\x4d\0\0\0"),
+            Packet(10, 0, struct.pack("<Hi", 30000, 1) + b"\x4d\0\0\0"),
+        )
+        bench.send(alive)
+        bench.send(thrust)
+        bench.send_often(0.02, alive, thrust)
+        bench.disturb(leaving=passes)
+        stop = bench.start("motors", "stop")
+        assert stop.end() == 3, stop.out
+        assert MAY_BE_RUNNING in stop.err
+        assert "30000" in stop.err
+        assert bench.motors[1] == 30000
+
+
+def test_motors_that_an_app_on_other_ports_drives_once_are_stopped_too(tmp_path: Path) -> None:
+    alive, thrust = Packet(12, 2, bytes(4) + b"\x4d\0\0\0"), Packet(10, 0, struct.pack("<Hi", 15000, 4) + b"\x4d\0\0\0")
+    with bench_in(tmp_path) as bench:
+        rig = bench.folder / "rig.toml"
+        rig.write_text(rig.read_text() + "thrust_port = 1\nsine_port = 6\nping_port = 14\n")
+        bench.send(alive)
+        bench.send(thrust)
+        bench.hardware.pause(0.01)
+        assert bench.motors == (15000,) * 4
+        bench.send_often(0.05, alive)
+        assert bench.start("motors", "stop").end() == 0
+        assert not any(bench.motors)
+
+
+def test_a_vehicle_whose_log_was_reset_by_another_program_is_not_left_unwatched(tmp_path: Path) -> None:
+    with bench_in(tmp_path) as bench:
+        pilot = bench.start(*HOLD, 60)
+        pilot.wait_until_motors_run()
+        began_s = bench.hardware.seconds()
+        bench.send(Packet(LOG_PORT, LOG_CONTROL_CHANNEL, RESET_LOG))
+        assert pilot.end() == 3
+        assert "not monitored" in pilot.err
+        assert bench.stopped_after(began_s + 0.5) < LONGEST_STOP_S
