@@ -5,7 +5,7 @@ The test sees what the motors do, on the clock of the simulated hardware.
 
 import os
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -15,21 +15,32 @@ from cfid.records.rig_file import load_rig, new_rig_text
 from cfid.records.run import Run, read_run
 from cfid.sim.devices import SimulatedRig
 from cfid.sim.faults import CrazyflieFaults, LoadCellFaults
+from cfid.sim.netft import Address, Datagram
 from cfid.sim.propulsion import STILL, Four
 from cfid.sim.truth_file import SimTruth
 from cfid.sim.virtual import Virtual
-from tests.virtual_command import Command, PausingClock
+from cfid.wire.crtp import Packet, decode_packet, encode_packet
+from tests.virtual_command import Command, Keyboard, PausingClock
 
 LOADCELL_HZ = 700
 UNIX_S = 1_763_712_345.0
+CLIENT = ("192.0.2.77", 9)  # another program of the vehicle
 
 
 class Pilot(Command):
     """A command that may drive motors."""
 
-    def __init__(self, bench: "Bench", words: tuple[object, ...], **options: Any) -> None:
+    def __init__(self, bench: "Bench", words: tuple[object, ...], keyboard: Keyboard | None, **options: Any) -> None:
+        if keyboard is not None:
+            options["stdin"] = keyboard.stdin
         super().__init__(bench.hardware, bench.folder, words, **options)
         self._bench = bench
+        self.keyboard = keyboard
+
+    def type(self, text: str) -> None:
+        """Type text into the command."""
+        assert self.keyboard is not None
+        self.keyboard.type(text)
 
     def wait_until_motors_run(self, for_s: float = 0.2) -> None:
         """Wait until motors have run for `for_s` seconds."""
@@ -46,11 +57,14 @@ class Bench:
 
     def __init__(self, folder: Path, *, hung_on: str | None = None, **truth: Any) -> None:
         self.folder = folder
+        os.environ.setdefault("XDG_CACHE_HOME", str(folder / "cache"))
         content = re.sub(r"(?ms)^\[devices\.\w+\].*?(?=^\[|^# The axis)", "", new_rig_text())
         (folder / RIG_FILE).write_text(
             f"{content}\n[devices.loadcell]\nrate_hz = {LOADCELL_HZ}\n[devices.crazyflie]\nstop_below_v = 3.1\n"
         )
         self.history: list[tuple[float, Four]] = [(0.0, STILL)]
+        self._pilots: list[Pilot] = []
+        self._keyboards: list[Keyboard] = []
         self._truth, self._hung_on = truth, hung_on
         self.hardware = Virtual(self._rig, unix_s=UNIX_S, time=PausingClock())
         self.rig = self.hardware.rig
@@ -72,8 +86,58 @@ class Bench:
         """The present state of the motors."""
         return self.history[-1][1]
 
-    def start(self, *words: object, **options: Any) -> Pilot:
-        return Pilot(self, words, **options)
+    def start(
+        self, *words: object, typed: str | None = None, terminal: bool = False, script: bool = False, **options: Any
+    ) -> Pilot:
+        """Start a command: one into whose input `typed` was written, or one with a terminal, or a script, that types."""
+        keyboard = Keyboard(terminal=terminal) if terminal or script or typed is not None else None
+        if keyboard is not None:
+            self._keyboards.append(keyboard)
+        if keyboard is not None and typed is not None:
+            keyboard.type(typed)
+            keyboard.hang_up()
+        self._pilots.append(Pilot(self, words, keyboard, **options))
+        return self._pilots[-1]
+
+    def send(self, packet: Packet) -> None:
+        """Send a packet to the vehicle as another program does, which gets no answer."""
+        self.rig.crazyflie.vehicle.receive(encode_packet(packet), self.hardware.seconds())
+        self.hardware.attend_vehicle()
+
+    def send_often(self, every_s: float, *packets: Packet) -> None:
+        """Send packets as another program does, from now on."""
+        for packet in packets:
+            self.send(packet)
+        self.hardware.at(every_s, self.send_often, every_s, *packets)
+
+    def disturb(
+        self,
+        arriving: Callable[[Packet], Sequence[Packet]] = lambda packet: [packet],
+        leaving: Callable[[Packet], bool] = lambda packet: True,
+    ) -> None:
+        """Disturb the link: `arriving` returns what arrives of a packet from the vehicle.
+
+        Of the packets to the vehicle those pass for which `leaving` is true.
+        """
+        vehicle = self.rig.crazyflie
+        received, due = vehicle.received, vehicle.due
+
+        def disturbed(now_s: float) -> list[Datagram]:
+            packets = ((decode_packet(datagram), client) for datagram, client in due(now_s))
+            return [(encode_packet(sent), client) for packet, client in packets if packet for sent in arriving(packet)]
+
+        def filtered(datagram: bytes, client: Address, now_s: float) -> None:
+            packet = decode_packet(datagram)
+            if packet is not None and leaving(packet):
+                received(datagram, client, now_s)
+
+        vehicle.due, vehicle.received = disturbed, filtered  # type: ignore[method-assign]
+
+    def close(self) -> None:
+        for pilot in self._pilots:
+            pilot.abandon()
+        for keyboard in self._keyboards:
+            keyboard.close()
 
     def vehicle_suffers(self, **faults: Any) -> None:
         """Set faults of the vehicle from now on; timed faults start at once."""
@@ -96,5 +160,8 @@ class Bench:
 @contextmanager
 def bench_in(folder: Path, *, hung_on: str | None = None, **truth: Any) -> Iterator[Bench]:
     """Open a bench in a folder; with `hung_on`, its vehicle swings on that mount."""
-    os.environ.setdefault("XDG_CACHE_HOME", str(folder / "cache"))
-    yield Bench(folder, hung_on=hung_on, **truth)
+    bench = Bench(folder, hung_on=hung_on, **truth)
+    try:
+        yield bench
+    finally:
+        bench.close()

@@ -6,6 +6,7 @@ waits while the test acts. So nothing depends on how quick or busy the computer 
 
 import contextlib
 import os
+import pty
 import sys
 import threading
 from collections.abc import Callable
@@ -21,6 +22,31 @@ LONGEST_S = 3600.0  # of virtual time, for one command
 _STUCK_S = 120.0  # of the computer's time, after which a test fails
 
 Holds = Callable[[], object]
+
+
+class Abandoned(BaseException):
+    """Raised inside a command that nobody lets go on, since its test has ended."""
+
+
+class Keyboard:
+    """What is typed into a command: through a pipe as a script does, or at a terminal."""
+
+    def __init__(self, *, terminal: bool = False) -> None:
+        self._end, commands_end = pty.openpty() if terminal else reversed(os.pipe())
+        self.stdin = os.fdopen(commands_end, encoding="utf-8")
+
+    def type(self, text: str) -> None:
+        os.write(self._end, text.encode())
+
+    def hang_up(self) -> None:
+        """End the input: the script is over, or the terminal is closed."""
+        if self._end >= 0:
+            os.close(self._end)
+        self._end = -1
+
+    def close(self) -> None:
+        self.hang_up()
+        self.stdin.close()
 
 
 class PausingClock(VirtualClock):
@@ -47,6 +73,7 @@ class Command:
         *,
         stdin: IO[Any] | None = None,
         stdout: IO[Any] | None = None,
+        stderr: IO[Any] | None = None,
     ) -> None:
         self.code: int | None = None
         self._hardware, self._folder = hardware, folder
@@ -55,11 +82,12 @@ class Command:
         self._files = [folder / f".{name}{number}" for name in ("out", "err")]
         for file in self._files:
             file.touch()
-        self._stdin, self._stdout = stdin, stdout
+        self._stdin, self._stdout, self._stderr = stdin, stdout, stderr
         self._awaited: Holds | None = None
         self._goes_on, self._handed_over = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._error: BaseException | None = None
+        self._is_abandoned = False
 
     @property
     def out(self) -> str:
@@ -99,6 +127,13 @@ class Command:
         assert "Unhandled" not in self.err
         return self.code
 
+    def abandon(self) -> None:
+        """End a command that is still waiting, after its test."""
+        if self.code is None and self._thread.ident is not None:
+            self._is_abandoned = True
+            self._goes_on.set()
+            self._thread.join(_STUCK_S)
+
     def look(self) -> None:
         """Hand over to the test, where this command's thread runs and what the test waits for has happened."""
         if threading.current_thread() is self._thread and self._awaited is not None and self._awaited():
@@ -106,6 +141,8 @@ class Command:
             self._goes_on.clear()
             self._handed_over.set()
             self._goes_on.wait()
+            if self._is_abandoned:
+                raise Abandoned
 
     def _go_on(self) -> None:
         if self.code is not None:
@@ -139,7 +176,7 @@ class Command:
             contextlib.chdir(self._folder),
             in_place(self._hardware),
             Path(os.devnull).open(encoding="utf-8") as nothing,
-            _streams(self._stdin or nothing, self._stdout or out_file, err_file),
+            _streams(self._stdin or nothing, self._stdout or out_file, self._stderr or err_file),
         ):
             try:
                 main(self._words)
