@@ -89,7 +89,7 @@ class Bench:
     def start(
         self, *words: object, typed: str | None = None, terminal: bool = False, script: bool = False, **options: Any
     ) -> Pilot:
-        """Start a command: one into whose input `typed` was written, or one with a terminal, or a script, that types."""
+        """Start a command; `typed` stands in its input, or a test types, at a terminal or as a script."""
         keyboard = Keyboard(terminal=terminal) if terminal or script or typed is not None else None
         if keyboard is not None:
             self._keyboards.append(keyboard)
