@@ -17,13 +17,13 @@ import pytest
 
 from cfid.cli.main import main
 from cfid.console.campaign import make_campaign
-from tests.offline.write import write_runs
 from cfid.records.campaign import find_campaign
 from cfid.records.rig_file import load_rig, new_rig_text
-from tests.offline.runs import SimulatedRun
-from tests.offline.swings import record_chapter_2
 from cfid.sim.truth import INERTIA_KG_M2, USUAL_TRUTH
 from cfid.wire.rls import STEPS_PER_TURN, decode_words
+from tests.offline.runs import SimulatedRun
+from tests.offline.swings import record_chapter_2
+from tests.offline.write import write_runs
 from tests.processes import started
 from tests.transfer.sines_in_a_folder import Here
 

@@ -19,9 +19,9 @@ from cfid.records.files import RIG_FILE, RUNS_FOLDER
 from cfid.records.rig_file import load_rig, new_rig_text
 from cfid.records.run import Run, read_run
 from cfid.rig.loop import Loop
+from cfid.sim.devices import SimulatedRig
 from cfid.sim.faults import CrazyflieFaults, LoadCellFaults
 from cfid.sim.propulsion import STILL, Four
-from cfid.sim.devices import SimulatedRig
 from cfid.sim.service import ServedRig
 from cfid.sim.truth import SimTruth
 from tests.lateness import kept_waiting_s

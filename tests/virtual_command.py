@@ -73,6 +73,7 @@ class Command:
         *,
         stdin: IO[Any] | None = None,
         stdout: IO[Any] | None = None,
+        stderr: IO[Any] | None = None,
     ) -> None:
         self.code: int | None = None
         assert isinstance(hardware.time, PausingClock)
@@ -83,7 +84,7 @@ class Command:
         self._files = [folder / f".{name}{number}" for name in ("out", "err")]
         for file in self._files:
             file.touch()
-        self._stdin, self._stdout = stdin, stdout
+        self._stdin, self._stdout, self._stderr = stdin, stdout, stderr
         self._awaited: Holds | None = None
         self._goes_on, self._handed_over = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -145,11 +146,6 @@ class Command:
             if self._is_abandoned:
                 raise Abandoned
 
-    @property
-    def _clock(self) -> PausingClock:
-        assert isinstance(self._hardware.time, PausingClock)
-        return self._hardware.time
-
     def _go_on(self) -> None:
         if self.code is not None:
             return
@@ -182,7 +178,7 @@ class Command:
             contextlib.chdir(self._folder),
             in_place(self._hardware),
             Path(os.devnull).open(encoding="utf-8") as nothing,
-            _streams(self._stdin or nothing, self._stdout or out_file, err_file),
+            _streams(self._stdin or nothing, self._stdout or out_file, self._stderr or err_file),
         ):
             try:
                 main(self._words)

@@ -2,7 +2,6 @@
 
 import os
 import re
-import time
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
@@ -59,7 +58,7 @@ class LiveLine:
 
     def show(self, recorder: "Recorder") -> None:
         """Show the progress of the recording, a few times a second."""
-        now_s = time.monotonic()
+        now_s = recorder.now_s
         if self._terminal is None or now_s < self._next_s or not self._screen.idle:
             return
         self._next_s = now_s + _EVERY_S

@@ -63,10 +63,10 @@ def next_step(
 
 def _prepared(recording: "Assignment", campaign: "Campaign") -> tuple[str, ...]:
     """Print what to do at the rig; return the command's words, completed with the operator's answers."""
-    from cfid.rig.sim_file import devices_in
+    from cfid.rig.hardware import present
 
     echo(fitted(printable(recording.reminder)))
-    if devices_in(campaign.folder, campaign.rig)[1] and (set_up := _simulated(recording)):
+    if present().devices(campaign.folder, campaign.rig)[1] and (set_up := _simulated(recording)):
         note(f"the rig is simulated: it has to run as `cfid rig sim {set_up}` for this.")
     questions = recording.questions or {}
     answers = {name: _typed(question) for name, question in questions.items()}

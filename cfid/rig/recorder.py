@@ -116,9 +116,14 @@ class Recorder:
         self._done: Deferred[None] = Deferred()
 
     @property
+    def now_s(self) -> float:
+        """The time on the monotonic clock."""
+        return self._hardware.seconds()
+
+    @property
     def seconds(self) -> float:
         """How long the recording has lasted so far."""
-        return self._hardware.seconds() - self._begun_s
+        return self.now_s - self._begun_s
 
     async def record(self, begin: Callable[[], Deferred[None]]) -> None:
         """Record until the Deferred of `begin` fires or something fails; then stop every device, in order.

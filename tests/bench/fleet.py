@@ -29,13 +29,13 @@ import numpy as np
 
 from cfid.cli.main import main as cfid
 from cfid.console.campaign import make_campaign
-from tests.offline.write import write_runs
 from cfid.fleet.refit import refit
 from cfid.records.campaign import open_campaign
 from cfid.records.parameters import plain
-from tests.offline.swings import record_chapter_2
 from cfid.sim.truth import USUAL_TRUTH
 from tests.kept import sections_at
+from tests.offline.swings import record_chapter_2
+from tests.offline.write import write_runs
 
 CAMPAIGNS = int(os.environ.get("BENCH_CAMPAIGNS", "200"))
 SEEDS = int(os.environ.get("BENCH_SEEDS", "4"))

@@ -14,10 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from cfid.records.rig_file import load_rig, new_rig_text
-from tests.offline.encoder import EncoderModel
 from cfid.sim.swing import draw_truth
-from tests.offline.encoder import record_swings
 from cfid.sim.truth import INERTIA_KG_M2
+from tests.offline.encoder import EncoderModel, record_swings
 
 RUNS = 9
 

@@ -22,13 +22,13 @@ from cfid.estimate.blocks import block_means
 from cfid.sim.link import Direction, RadioTruth
 from cfid.sim.loadcell import LoadCellTruth, SimulatedLoadCell
 from cfid.sim.propulsion import NOMINAL_V, RotorTruth, SimulatedRotors
-from tests.offline.sine_bench import ARM_M, LATE_RADIO, USUAL_CELL
 from cfid.transfer.estimation import MeasuredSeries, fit_transfer, measure
 from cfid.transfer.frequency_response import END_S, SETTLE_S, Response
 from cfid.transfer.sines.alignment import RecordedSine, SineRun, SineSeries, align, thrust_of
 from cfid.transfer.sines.plan import SAMPLE_S, Sine
 from cfid.transfer.sines.reports import Reports
 from cfid.wire.app import MIDDLE
+from tests.offline.sine_bench import ARM_M, LATE_RADIO, USUAL_CELL
 from tests.transfer.sine_recordings import SILENT_CELL
 
 Array = npt.NDArray[np.float64]

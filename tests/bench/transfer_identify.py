@@ -17,13 +17,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from tests.offline.sine_bench import ARM_M, Bench, LinearTruth, SimulatedSine, simulate_sines
 from cfid.transfer.identification import identify_all
 from cfid.transfer.model import EQ_3_15
 from cfid.transfer.sines.alignment import RecordedSine, thrust_of
 from cfid.transfer.sines.plan import Sine
 from cfid.transfer.sines.reports import Reports
 from cfid.transfer.thesis import fit_thesis
+from tests.offline.sine_bench import ARM_M, Bench, LinearTruth, SimulatedSine, simulate_sines
 
 PERIODS = [*range(16), *range(20, 101, 5), *range(110, 191, 10), 500]
 FILES = 5

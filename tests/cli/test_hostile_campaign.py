@@ -18,10 +18,10 @@ import pytest
 
 from cfid.cli.table import COMMANDS
 from cfid.console.campaign import make_campaign
-from tests.offline.write import write_runs
 from cfid.records.campaign import open_campaign
 from cfid.rig.sim_file import SIM_FILE
 from tests.campaigns import LONGEST_S
+from tests.offline.write import write_runs
 from tests.processes import started
 
 pytestmark = pytest.mark.usefixtures("in_time")

@@ -1,21 +1,17 @@
-"""Wind from end to end: settings are recorded one by one over real wires from a simulated vehicle, then fitted."""
+"""Wind from end to end: settings are recorded one by one from a simulated vehicle, then fitted."""
 
 import json
 import math
-import subprocess
-from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from cfid.records.files import RUNS_FOLDER
 from cfid.sim.propulsion import RotorTruth, WindTruth
-from tests.flying_in_a_folder import Pilot, bench_in
-
-pytestmark = pytest.mark.usefixtures("in_time")
-
-Cfid = Callable[..., subprocess.CompletedProcess[str]]
+from tests.campaigns import in_this_process
+from tests.virtual_bench import bench_in
 
 COMMANDS = (20000, 40000)
 QUICK = ("--commands", "20000,40000", "--hold", 1.5, "--rest", 0.8, "--yes")
@@ -32,35 +28,28 @@ def shown_rpm(command: int) -> float:
     return float(2 * 60 / math.tau * RotorTruth().steady_rad_per_s(np.array(command), volts=3.7))
 
 
-def blow(folder: Path, *words: object, typed: str = "", wind: dict[str, float] | None = None) -> Pilot:
-    """Run `cfid log wind` in a simulated wind until it ends."""
+def blow(folder: Path, *words: object, wind: dict[str, Any] | None = None) -> str:
+    """Run `cfid log wind` in a simulated wind until it ends; return what it printed."""
+    typed = "".join(f"{shown_rpm(command):.0f}\n" for command in COMMANDS)
     with bench_in(folder, wind=wind or {}) as bench:
-        pilot = bench.start("log", "wind", *words, stdin=subprocess.PIPE)
-        pilot.process.communicate(typed.encode(), timeout=60)
+        pilot = bench.start("log", "wind", *words, *QUICK, typed=typed if wind else "")
+        assert pilot.end() == 0, pilot.err
         assert not any(bench.motors)
-        return pilot
-
-
-def told(pilot: Pilot) -> str:
-    return f"{pilot.out}{pilot.err}"
+    return pilot.out
 
 
 @pytest.mark.slow
-def test_winds_recorded_one_after_the_other_give_the_coefficients_that_act(tmp_path: Path, cfid: Cfid) -> None:
-    pilot = blow(tmp_path, "--wind", 0, *QUICK)
-    assert pilot.process.returncode == 0, told(pilot)
-    typed = "".join(f"{shown_rpm(command):.0f}\n" for command in COMMANDS)
+def test_winds_recorded_one_after_the_other_give_the_coefficients_that_act(tmp_path: Path) -> None:
+    blow(tmp_path, "--wind", 0)
     for wind, (low, high) in WINDS:
-        words = ("--angle", wind["angle_deg"], "--fan-voltage", 8, "--wind", f"{low},{high}")
-        pilot = blow(tmp_path, *words, *QUICK, typed=typed, wind=wind)
-        assert pilot.process.returncode == 0, told(pilot)
-    assert "of the thesis' 112 runs 8 are recorded" in pilot.out
+        out = blow(tmp_path, "--angle", wind["angle_deg"], "--fan-voltage", 8, "--wind", f"{low},{high}", wind=wind)
+    assert "8 are recorded" in out
 
-    ended = cfid("fit", "drag", *sorted(path.name for path in (tmp_path / RUNS_FOLDER).iterdir()), "--json")
+    names = sorted(path.name for path in (tmp_path / RUNS_FOLDER).iterdir())
+    ended = in_this_process(["fit", "drag", *names, "--json"], tmp_path)
 
     assert ended.returncode == 0, ended.stderr
     found = json.loads(ended.stdout)["parameters"]["drag.simple_kg_per_rad"]
     true = np.array(WindTruth().kg_per_rad)
-    print(found, (np.array(found["value"]) - true) / np.array(found["std"]))
     assert np.all(np.abs(np.array(found["value"]) - true) < 3 * np.array(found["std"]))
     assert np.all(np.array(found["std"]) < 0.12 * np.abs(true))

@@ -3,24 +3,25 @@
 import json
 import math
 import os
-import subprocess
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from cfid.rig.sim_file import SIM_FILE
+from cfid.cli.main import main
+from cfid.records.rig_file import load_rig
+from cfid.sim.devices import SimulatedRig
 from cfid.sim.propulsion import RotorTruth, WindTruth
-from cfid.sim.truth import INERTIA_KG_M2
+from cfid.sim.truth import INERTIA_KG_M2, SimTruth
+from cfid.sim.virtual import Virtual
+from tests.campaigns import in_this_process
 from tests.kept import sections_at
-from tests.processes import started
+from tests.virtual_command import Command, Keyboard, PausingClock
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("in_time")]
+pytestmark = pytest.mark.slow
 
-LONGEST_S = 900.0
 MARKERS = 2  # as in rig.toml
 WINDS = ((0.0, 8, 3.1), (48.4, 8, 2.9), (77.9, 8, 3.6), (0.0, 10, 4.0), (48.4, 10, 3.7), (77.9, 6, 2.8))
 FITS = {
@@ -30,32 +31,17 @@ FITS = {
 
 
 class Operator:
-    """An operator at the simulated rig who follows `cfid next`."""
+    """An operator at a simulated rig who follows `cfid next`."""
 
     def __init__(self, folder: Path, kind: str) -> None:
-        self.folder = folder / "campaign"
-        self.kind = kind
+        self.folder, self.kind = folder / "campaign", kind
         self._winds = iter(WINDS)
-        self.said(folder, "new", "campaign")
-
-    def said(self, folder: Path, *words: str, typed: Sequence[object] = ()) -> str:
-        """Run a command, which has to succeed, and return what it printed."""
-        out, err = folder / ".out", folder / ".err"
-        with out.open("wb") as output, err.open("wb") as errors:
-            command = started(
-                words,
-                cwd=folder,
-                env=os.environ,
-                stdin=subprocess.PIPE,
-                stdout=output,
-                stderr=errors,
-            )
-            command.communicate("".join(f"{line}\n" for line in typed).encode(), timeout=LONGEST_S)
-        assert command.returncode == 0, (words, out.read_text(), err.read_text())
-        return out.read_text()
+        self._now_s = 1_763_712_345.0
+        assert in_this_process(["new", "campaign"], folder).returncode == 0
 
     def status(self) -> dict[str, Any]:
-        content: dict[str, Any] = json.loads(self.said(self.folder, "status", "--kind", self.kind, "--json"))
+        ended = in_this_process(["status", "--kind", self.kind, "--json"], self.folder)
+        content: dict[str, Any] = json.loads(ended.stdout)
         return content
 
     def take_a_step(self) -> list[str]:
@@ -63,30 +49,32 @@ class Operator:
         words: list[str] = self.status()["next"]["command"]
         wind = next(self._winds) if "{wind}" in words else None
         answers = [] if wind is None else [wind[0], wind[1], f"{wind[2] - 0.1},{wind[2] + 0.1}"]
-        with self._rig_for(words, wind):
-            self.said(self.folder, "next", "--kind", self.kind, typed=[*answers, "y", *typed_for(words)])
+        hardware = self._rig_for(words, wind)
+        keyboard = Keyboard()
+        keyboard.type("".join(f"{line}\n" for line in (*answers, "y", *typed_for(words))))
+        keyboard.hang_up()
+        command = Command(hardware, self.folder, ("next", "--kind", self.kind), stdin=keyboard.stdin)
+        assert command.run_to_end() == 0, (words, command.out, command.err)
+        keyboard.close()
+        self._now_s = hardware.unix_s() + 60
         return words
 
-    @contextmanager
-    def _rig_for(self, words: list[str], wind: tuple[float, int, float] | None) -> Iterator[None]:
-        if words[0] != "log":
-            yield
-            return
-        truth = self.folder / ".truth.toml"
-        truth.write_text("" if wind is None else f"[wind]\nangle_deg = {wind[0]}\nspeed_mps = {wind[2]}\n")
-        place = [
-            word for name in ("--axis", "--weight") if name in words for word in (name, words[words.index(name) + 1])
-        ]
-        command = ("rig", "sim", "--truth", truth, *place)
-        with (self.folder / ".sim").open("wb") as said:
-            rig = started(command, cwd=self.folder, env=os.environ, stdout=said, stderr=said)
-        try:
-            while not (self.folder / SIM_FILE).exists():
-                assert rig.poll() is None, (self.folder / ".sim").read_text()
-            yield
-        finally:
-            rig.send_signal(2)
-            rig.wait(LONGEST_S)
+    def _rig_for(self, words: Sequence[str], wind: tuple[float, int, float] | None) -> Virtual:
+        truth = {} if wind is None else {"wind": {"angle_deg": wind[0], "speed_mps": wind[2]}}
+        place = {option: words[words.index(option) + 1] for option in ("--axis", "--weight") if option in words[:-1]}
+        rig = load_rig(self.folder / "rig.toml")
+        return Virtual(
+            lambda seconds: SimulatedRig(
+                rig,
+                seconds=seconds,
+                seed=1,
+                truth=SimTruth.model_validate(truth),
+                axis=place.get("--axis"),
+                weight_g=float(place["--weight"]) if "--weight" in place else None,
+            ),
+            unix_s=self._now_s,
+            time=PausingClock(),
+        )
 
 
 def typed_for(words: list[str]) -> list[str]:
@@ -105,7 +93,10 @@ def shown_rpm(command: int) -> str:
 
 
 @pytest.mark.parametrize("kind", ["inertia", "full"])
-def test_who_does_what_next_says_has_every_parameter_and_a_report_in_the_end(tmp_path: Path, kind: str) -> None:
+def test_who_does_what_next_says_has_every_parameter_and_a_report_in_the_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    monkeypatch.setattr(os, "execv", lambda _, command: main(command[command.index("cfid.cli.main") + 1 :]))
     operator = Operator(tmp_path, kind)
     steps = [operator.take_a_step()]
     while steps[-1][0] != "report":
@@ -122,8 +113,7 @@ def test_who_does_what_next_says_has_every_parameter_and_a_report_in_the_end(tmp
         for key, parameter in section.parameters.items()
     }
     matrix = found["inertia.matrix_kg_m2"]
-    off = np.abs(np.array(matrix.value) - INERTIA_KG_M2) / np.array(matrix.std)
-    assert off.max() < 4
+    assert np.abs((np.array(matrix.value) - INERTIA_KG_M2) / np.array(matrix.std)).max() < 4
     if kind == "full":
         drag = found["drag.simple_kg_per_rad"]
         assert np.all(np.abs(np.array(drag.value) - WindTruth().kg_per_rad) < 4 * np.array(drag.std))

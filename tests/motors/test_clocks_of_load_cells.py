@@ -11,8 +11,8 @@ from cfid.recordings.read import read_recording
 from cfid.recordings.wrench import AXES, wrench_of
 from cfid.records.run import DeviceRecord, Label, Run, read_run
 from cfid.records.run_writer import create_run
-from tests.offline.stand import StandRecord
 from tests.motors.stand_in_a_folder import BEGIN_S, climbed
+from tests.offline.stand import StandRecord
 
 
 @pytest.fixture(scope="module")

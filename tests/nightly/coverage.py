@@ -24,12 +24,12 @@ import numpy as np
 from scipy.stats import binomtest
 
 from cfid.console.campaign import make_campaign
+from cfid.demo.truth import DEMO_TRUTH
 from cfid.errors import CfidError
 from cfid.records.campaign import find_campaign
 from cfid.records.files import RIG_FILE
 from cfid.records.result import Result
 from cfid.records.rig_file import change_rig
-from cfid.demo.truth import DEMO_TRUTH
 from cfid.sim.truth import SimTruth, as_mounted, draw, imperfection
 from cfid.units import COVERAGE_95
 from tests.nightly import experiments as on

@@ -8,10 +8,12 @@ from typing import NamedTuple
 import numpy as np
 
 import cfid
-from tests.offline.write import write_runs
+from cfid.demo.truth import true_motors
 from cfid.records.campaign import Campaign
 from cfid.records.result import Result
-from cfid.demo.truth import true_motors
+from cfid.sim.loadcell import LoadCellTruth
+from cfid.sim.swing import pendulum
+from cfid.sim.truth import SimTruth, draw_vehicle
 from tests.offline.motors import (
     FULL_RATE_HZ,
     MOTORS,
@@ -23,12 +25,10 @@ from tests.offline.motors import (
     speed_run,
 )
 from tests.offline.runs import SimulatedRun
+from tests.offline.stand import simulate_stand, staircase_steps
 from tests.offline.swings import drop_runs, swing_runs
 from tests.offline.wind import record_chapter_4
-from cfid.sim.loadcell import LoadCellTruth
-from tests.offline.stand import simulate_stand, staircase_steps
-from cfid.sim.swing import pendulum
-from cfid.sim.truth import SimTruth, draw_vehicle
+from tests.offline.write import write_runs
 
 STEPS = tuple(range(8000, 64001, 8000))
 MODERATE_STEPS = tuple(range(8000, 56001, 8000))

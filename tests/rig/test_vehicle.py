@@ -14,7 +14,6 @@ from typing import Any
 import cflib.crtp
 import numpy as np
 import pytest
-from cfid.sim.rotors import RotorTruth
 from cflib.crazyflie import Crazyflie
 from cflib.crtp.crtpstack import CRTPPacket
 from cflib.crtp.exceptions import WrongUriType
@@ -30,6 +29,7 @@ from cfid.rig.link import Link, open_link
 from cfid.rig.ready_vehicle import INERTIAL
 from cfid.rig.tables import connect
 from cfid.rig.vehicle import BATTERY, asked, logged
+from cfid.sim.propulsion import RotorTruth
 from cfid.transfer.sines.record import play_sine
 from cfid.wire.app import AppPorts, SineRequest, omega_of
 from cfid.wire.crtp import LOG_CONTROL_CHANNEL, LOG_PORT, RESET_LOG, LogCommand, Packet

@@ -22,11 +22,12 @@ from pydantic import ValidationError
 from twisted.internet.posixbase import PosixReactorBase
 
 from cfid.records.rig_file import thesis_rig
+from cfid.sim.devices import SimulatedRig
 from cfid.sim.faults import CrazyflieFaults
 from cfid.sim.link import Direction, RadioTruth
 from cfid.sim.motor_trace import trace_motors
 from cfid.sim.propulsion import STILL
-from cfid.sim.service import Addresses, SimulatedRig
+from cfid.sim.service import Addresses, ServedRig
 from cfid.sim.truth import SimTruth
 from cfid.wire.app import (
     ALL_MOTORS_THRUST,
@@ -96,25 +97,24 @@ class Served:
         self.in_reactor = in_reactor
         self.rig: SimulatedRig
         self._reactor, self._folder = reactor, folder
-        self._opened = False
+        self._served: ServedRig | None = None
 
     def open(self, truth: SimTruth | None = None, faults: CrazyflieFaults | None = None, **options: Any) -> Addresses:
         self.rig = SimulatedRig(
             RIG,
-            reactor=self._reactor,
-            folder=self._folder,
+            seconds=self._reactor.seconds,
             seed=7,
             truth=truth or SimTruth(),
             crazyflie_faults=faults or CrazyflieFaults(),
             **options,
         )
-        self._opened = True
-        addresses: Addresses = self.in_reactor(self.rig.open)
+        self._served = ServedRig(self.rig, reactor=self._reactor, folder=self._folder)
+        addresses: Addresses = self.in_reactor(self._served.open)
         return addresses
 
     def close(self) -> None:
-        if self._opened:
-            self.in_reactor(self.rig.close)
+        if self._served is not None:
+            self.in_reactor(self._served.close)
 
     def wait_for(self, motors: tuple[int, int, int, int]) -> None:
         wait_until(lambda: self.rig.crazyflie.motors == motors)

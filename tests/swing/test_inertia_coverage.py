@@ -8,7 +8,6 @@ import pytest
 
 from cfid.inertia.estimation import InertiaFit, fit_inertia
 from cfid.records.rig_file import Rig, load_rig, new_rig_text
-from tests.offline.encoder import EncoderModel, record
 from cfid.sim.plants import swing
 from cfid.sim.swing import TrueFriction, Truth, draw_release, draw_truth, pendulum
 from cfid.swing.axis_inertias import AxisInertias, MountedSwing, Surroundings, SwungBody
@@ -16,6 +15,7 @@ from cfid.swing.estimation import fit_swing
 from cfid.swing.free_swing import find_swing
 from cfid.units import MM
 from cfid.wire.rls import decode_words
+from tests.offline.encoder import EncoderModel, record
 
 Array = npt.NDArray[np.float64]
 

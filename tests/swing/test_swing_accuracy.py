@@ -8,12 +8,12 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from tests.offline.encoder import EncoderModel, record
 from cfid.sim.plants import Motion, Pendulum, swing
 from cfid.sim.swing import draw_release
 from cfid.swing.estimation import fit_swing
 from cfid.swing.free_swing import find_swing
 from cfid.wire.rls import decode_words
+from tests.offline.encoder import EncoderModel, record
 
 Array = npt.NDArray[np.float64]
 

@@ -7,11 +7,11 @@ import numpy as np
 
 from cfid.sim.link import RadioTruth
 from cfid.sim.loadcell import LoadCellTruth
-from tests.offline.sine_bench import ARM_M, Bench, LinearTruth, SimulatedSine, simulate_sines
 from cfid.transfer.model import EQ_3_15
 from cfid.transfer.sines.alignment import Channel, RecordedSine, thrust_of
 from cfid.transfer.sines.plan import SAMPLE_S, Sine
 from cfid.transfer.sines.reports import Reports
+from tests.offline.sine_bench import ARM_M, Bench, LinearTruth, SimulatedSine, simulate_sines
 
 SILENT_CELL = LoadCellTruth(bias=(0.0,) * 6, drift_per_s=(0.0,) * 6, noise_std=(0.0,) * 6)
 PUNCTUAL = RadioTruth(latency_s=0.0, jitter_s=0.0)

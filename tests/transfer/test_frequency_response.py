@@ -7,10 +7,10 @@ import pytest
 
 from cfid.errors import DataError, FitError
 from cfid.sim.propulsion import RotorTruth
-from tests.offline.sine_bench import Bench, simulate_sines
 from cfid.transfer.frequency_response import Response, respond
 from cfid.transfer.model import EQ_3_15
 from cfid.transfer.sines.alignment import SineRun, align
+from tests.offline.sine_bench import Bench, simulate_sines
 from tests.transfer.sine_recordings import STILL, exact, noiseless_bench, recorded, simulated
 
 PERIODS = (2, 5, 12, 35, 100)

@@ -9,12 +9,12 @@ from cfid.errors import DataError
 from cfid.sim.app_core import PING, SINE
 from cfid.sim.loadcell import LoadCellTruth
 from cfid.sim.propulsion import RotorTruth
-from tests.offline.sine_bench import ARM_M, Bench, simulate_sines
 from cfid.transfer.sines.alignment import RecordedSine, align, held, thrust_of
 from cfid.transfer.sines.plan import SAMPLE_S, Sine
 from cfid.transfer.sines.reports import Reports, match_reports
 from cfid.wire import app
 from tests.firmware.stand import MAY_RUN, new_core
+from tests.offline.sine_bench import ARM_M, Bench, simulate_sines
 from tests.transfer.sine_recordings import USUAL, exact, log_spaced, recorded, simulated
 
 PERIODS = (1, 3, 8, 25, 60, 100)

@@ -11,8 +11,8 @@ from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import new_rig_text
 from cfid.records.run import DeviceRecord, Label
 from cfid.records.run_writer import create_run
-from tests.offline.sine_bench import SimulatedSine
 from tests.campaigns import sentences
+from tests.offline.sine_bench import SimulatedSine
 from tests.transfer.sines_in_a_folder import Here, Said, sines, write_index, write_run
 
 Spoil = Callable[[Path], None]

@@ -13,9 +13,9 @@ from cfid.cli.main import main
 from cfid.records.files import RIG_FILE
 from cfid.records.parameters import Parameter, Section
 from cfid.records.rig_file import NONE_STATED, LoadCellMount, RigFacts, new_rig_text
-from tests.offline.sine_bench import Bench, LinearTruth, SimulatedSine
 from tests.campaigns import sentences
 from tests.kept import keep, sections_at
+from tests.offline.sine_bench import Bench, LinearTruth, SimulatedSine
 from tests.transfer.sines_in_a_folder import (
     GAIN_N,
     LAG_S,

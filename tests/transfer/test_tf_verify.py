@@ -10,9 +10,9 @@ from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import new_rig_text
 from cfid.records.run import amend_run, read_run
 from cfid.sim.link import RadioTruth
-from tests.offline.sine_bench import SimulatedSine
 from tests.campaigns import sentences
 from tests.kept import sections_at
+from tests.offline.sine_bench import SimulatedSine
 from tests.transfer.sines_in_a_folder import GAIN_N, LAG_S, Here, noiseless, sines, write_index, write_run
 from tests.transfer.test_tf_faults import refused
 

@@ -8,12 +8,12 @@ import pytest
 
 from cfid.errors import FitError
 from cfid.sim.propulsion import RotorTruth
-from tests.offline.sine_bench import Bench, LinearTruth, simulate_sines
 from cfid.transfer.estimation import MeasuredSeries, TransferFit, fit_transfer, measure
 from cfid.transfer.frequency_response import respond
 from cfid.transfer.identification import corrected_aic, fit_shapes
 from cfid.transfer.likelihood import Shape
 from cfid.transfer.sines.alignment import align
+from tests.offline.sine_bench import Bench, LinearTruth, simulate_sines
 from tests.transfer.sine_recordings import (
     FIRST_PERIODS,
     GAIN_N,

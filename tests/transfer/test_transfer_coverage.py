@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from tests.offline.sine_bench import simulate_sines
 from cfid.transfer.estimation import fit_transfer, measure
 from cfid.transfer.sines.alignment import align
+from tests.offline.sine_bench import simulate_sines
 from tests.transfer.sine_recordings import GAIN_N, LAG_S, SHAKEN, USUAL, log_spaced, recorded
 
 COUNT = 400

@@ -7,11 +7,11 @@ import pytest
 
 from cfid.errors import DataError
 from cfid.sim.link import RadioTruth
-from tests.offline.sine_bench import simulate_sines
 from cfid.transfer.estimation import fit_transfer, measure
 from cfid.transfer.sines.alignment import RecordedSine, align
 from cfid.transfer.sines.reports import match_reports
 from tests.coverage_rows import Row
+from tests.offline.sine_bench import simulate_sines
 from tests.transfer.sine_recordings import GAIN_N, LAG_S, SHAKEN, USUAL, log_spaced, recorded
 
 

@@ -9,7 +9,6 @@ import pytest
 from cfid import transfer
 from cfid.errors import ConfigError, DataError, FitError
 from cfid.records.run import Run
-from tests.offline.sine_bench import SimulatedSine
 from cfid.transfer.comparison import Comparison, GainAndLag
 from cfid.transfer.estimation import Delay
 from cfid.transfer.identification import identify_all
@@ -18,6 +17,7 @@ from cfid.transfer.result import _negative_delay
 from cfid.transfer.sines.plan import Sine
 from cfid.transfer.summary import _later
 from cfid.transfer.verification_result import Function
+from tests.offline.sine_bench import SimulatedSine
 from tests.transfer.sine_recordings import exact
 from tests.transfer.sines_in_a_folder import GAIN_N, LAG_S, noiseless, sines, write_index, write_run
 

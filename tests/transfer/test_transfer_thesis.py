@@ -7,7 +7,6 @@ import pytest
 
 from cfid.errors import DataError, FitError
 from cfid.sim.link import RadioTruth
-from tests.offline.sine_bench import Bench
 from cfid.transfer.estimation import fit_transfer, measure
 from cfid.transfer.sines.alignment import RecordedSine, Sign, align
 from cfid.transfer.thesis import (
@@ -20,6 +19,7 @@ from cfid.transfer.thesis import (
     least_squares,
     thesis_response,
 )
+from tests.offline.sine_bench import Bench
 from tests.transfer.sine_recordings import FIRST_PERIODS, LAG_S, SHAKEN, STILL, exact, recorded, simulated
 
 EQUATIONS = [(6.0705967e-8, 0.9745210), (7.2345374e-8, 0.9695404)]
