@@ -15,7 +15,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from cfid.rig.holder import Holder
 
 from cfid.console.recording import rig_of
 from cfid.errors import ConfigError, DeviceError
