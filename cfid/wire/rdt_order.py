@@ -61,6 +61,15 @@ class _Stream:
         passed = _apart(records["ft_sequence"], self.offset + self.step * self.next)
         return np.asarray(passed == self.step * _apart(records["rdt_sequence"], self.next))
 
+    def continues_with(self, records: Records) -> bool:
+        """Return whether these are the very next records, in order; then count them as taken."""
+        numbers = self.next + np.arange(len(records))
+        is_next = np.array_equal(records["rdt_sequence"], numbers % _WRAP) and np.array_equal(
+            records["ft_sequence"], (self.offset + self.step * numbers) % _WRAP
+        )
+        self.next += len(records) if is_next else 0
+        return is_next
+
     def in_order(self, records: Records, arrivals: Arrivals) -> Records:
         """Return the new ones among records of this stream, in order, and count the others and those that are lost."""
         number, arrived = np.unique(self.next + _apart(records["rdt_sequence"], self.next), return_index=True)
@@ -112,6 +121,8 @@ class RecordOrder:
 
     def take(self, records: Records) -> Records:
         """Return the records that are new, in order; records are held back until three agree on the stream."""
+        if self._stream is not None and not len(self._held) and self._stream.continues_with(records):
+            return records
         self.arrivals.rejected -= len(self._held)
         records = np.concatenate((self._held, records))
         taken, fits = np.empty(0, RECORD), np.zeros(len(records), np.bool_)
