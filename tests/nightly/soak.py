@@ -11,19 +11,22 @@ import subprocess
 import sys
 import time
 import tomllib
+from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from twisted.internet.task import Clock
-
 from cfid.console.campaign import make_campaign
-from cfid.records.run import Run, read_run
+from cfid.records.files import RIG_FILE, RUNS_FOLDER
+from cfid.records.rig_file import load_rig
+from cfid.records.run import Label, Run, read_run
+from cfid.rig.run import Plan, record_run
+from cfid.rig.sensors import ready_encoder, ready_loadcell
 from cfid.rig.sim_file import SIM_FILE
-from cfid.sim.faults import SOUND_ENCODER, SOUND_LOADCELL
+from cfid.sim.devices import SimulatedRig
+from cfid.sim.virtual import Virtual
 from tests.known import known
 from tests.priority import ahead_of_others
-from tests.rig.virtual import Session, encoder, loadcell
 
 CFID = (sys.executable, "-m", "cfid.cli.main")
 WARM_SHARE = 0.2
@@ -32,12 +35,19 @@ STARTS_WITHIN_S = 60.0
 
 def virtual(for_s: float, folder: Path) -> None:
     """Record each instrument for `for_s` seconds on a virtual clock, and print what is missing."""
-    for name, couple in (("encoder", encoder), ("loadcell", loadcell)):
-        session = Session(folder / name, Clock())
-        instrument = (encoder(session, SOUND_ENCODER) if couple is encoder else loadcell(session, SOUND_LOADCELL))[0]
-        run, failure = session.record(instrument, for_s=for_s)
-        if failure is not None:
-            raise failure
+    make_campaign(folder)
+    rig = load_rig(folder / RIG_FILE)
+    for name in ("encoder", "loadcell"):
+        hardware = Virtual(lambda seconds: SimulatedRig(rig, seconds=seconds, seed=1), unix_s=time.time())
+        devices, _ = hardware.devices(folder, rig)
+        plan = Plan(runs_folder=folder / RUNS_FOLDER, kind=name, label=Label(), for_s=for_s, simulated=True)
+        with ExitStack() as held:
+            if name == "encoder":
+                turn = rig.encoder.counts_per_turn
+                instrument = ready_encoder(devices.encoder, hardware, held, counts_per_turn=turn, say=print)
+            else:
+                instrument = ready_loadcell(devices.loadcell, hardware, held, say=print)
+            run = record_run(plan, [instrument], hardware, show=lambda _: None, begun=lambda _: None)
         _print(f"{name}, {for_s:g} s of virtual time", run, name)
 
 
@@ -107,7 +117,7 @@ def main() -> None:
     arguments = parser.parse_args()
     with TemporaryDirectory(prefix="cfid-soak-") as name, ahead_of_others():
         if arguments.virtual:
-            virtual(arguments.virtual, Path(name))
+            virtual(arguments.virtual, Path(name) / "virtual")
         if arguments.real:
             real(arguments.real, Path(name) / "lab")
 
