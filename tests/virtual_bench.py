@@ -89,7 +89,7 @@ class Bench:
     def start(
         self, *words: object, typed: str | None = None, terminal: bool = False, script: bool = False, **options: Any
     ) -> Pilot:
-        """Start a command; `typed` stands in its input, or a test types, at a terminal or as a script."""
+        """Start a command. `typed` is all its input; a terminal or a script types while it runs."""
         keyboard = Keyboard(terminal=terminal) if terminal or script or typed is not None else None
         if keyboard is not None:
             self._keyboards.append(keyboard)
@@ -133,6 +133,17 @@ class Bench:
 
         vehicle.due, vehicle.received = disturbed, filtered  # type: ignore[method-assign]
 
+    def packets(self) -> list[Packet]:
+        """Return a list that takes the packets to the vehicle from now on."""
+        sent: list[Packet] = []
+
+        def note(packet: Packet) -> bool:
+            sent.append(packet)
+            return True
+
+        self.disturb(leaving=note)
+        return sent
+
     def close(self) -> None:
         for pilot in self._pilots:
             pilot.abandon()
@@ -142,6 +153,7 @@ class Bench:
     def vehicle_suffers(self, **faults: Any) -> None:
         """Set faults of the vehicle from now on; timed faults start at once."""
         self.rig.crazyflie.faults = CrazyflieFaults(**faults)
+        self.hardware.attend_vehicle()
 
     def loadcell_suffers(self, **faults: Any) -> None:
         self.rig.loadcell.faults = LoadCellFaults(**faults)

@@ -76,6 +76,8 @@ class Command:
         stderr: IO[Any] | None = None,
     ) -> None:
         self.code: int | None = None
+        assert isinstance(hardware.time, PausingClock)
+        self._clock = hardware.time
         self._hardware, self._folder = hardware, folder
         self._words = [str(word) for word in words]
         number = len(list(folder.glob(".out*")))
@@ -149,7 +151,7 @@ class Command:
             return
         self._handed_over.clear()
         if self._thread.ident is None:
-            self._hardware.time.commands.append(self)
+            self._clock.commands.append(self)
             self._thread.start()
         else:
             self._goes_on.set()
@@ -165,7 +167,7 @@ class Command:
             self._error = error
         finally:
             self.code = code
-            self._hardware.time.commands.remove(self)
+            self._clock.commands.remove(self)
             self._handed_over.set()
 
     def _main(self) -> int:

@@ -20,6 +20,7 @@ from cfid.console.campaign import make_campaign
 from cfid.records.files import RIG_FILE, RUNS_FOLDER
 from cfid.records.rig_file import load_rig
 from cfid.records.run import Label, Run, read_run
+from cfid.rig.instrument import Instrument
 from cfid.rig.run import Plan, record_run
 from cfid.rig.sensors import ready_encoder, ready_loadcell
 from cfid.rig.sim_file import SIM_FILE
@@ -42,11 +43,12 @@ def virtual(for_s: float, folder: Path) -> None:
         devices, _ = hardware.devices(folder, rig)
         plan = Plan(runs_folder=folder / RUNS_FOLDER, kind=name, label=Label(), for_s=for_s, simulated=True)
         with ExitStack() as held:
-            if name == "encoder":
-                turn = rig.encoder.counts_per_turn
-                instrument = ready_encoder(devices.encoder, hardware, held, counts_per_turn=turn, say=print)
-            else:
-                instrument = ready_loadcell(devices.loadcell, hardware, held, say=print)
+            turn = rig.encoder.counts_per_turn
+            instrument: Instrument = (
+                ready_encoder(devices.encoder, hardware, held, counts_per_turn=turn, say=print)
+                if name == "encoder"
+                else ready_loadcell(devices.loadcell, hardware, held, say=print)
+            )
             run = record_run(plan, [instrument], hardware, show=lambda _: None, begun=lambda _: None)
         _print(f"{name}, {for_s:g} s of virtual time", run, name)
 
