@@ -24,7 +24,6 @@ CONTINUOUS = b"1"
 STOP_CONTINUOUS = b"0"
 
 PRODUCT = "E201 USB Encoder Interface"
-USB_VENDOR = 0x0483  # of the chip's maker: a Crazyflie on USB has it too
 
 WIDEST_WORD = 32  # bits
 STAMP_BITS = 32  # microseconds, so that a stamp wraps after 71.6 minutes (inferred; no manual states it)

@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import pty
 import re
 import sys
 import time
@@ -188,9 +189,16 @@ def test_output_that_nobody_takes_costs_words_and_no_rows(tmp_path: Path) -> Non
         os.close(writing)
         os.close(reading)
         left.process.wait(60)
+        screen, end = pty.openpty()
+        hung_up = lab.start("log", "loadcell", stderr=end)
+        os.close(end)
+        hung_up.wait_for_rows(100)
+        os.close(screen)
+        hung_up.wait_for_rows(200)
+        assert hung_up.ask_to_end().code == 0
         states = [run["state"] for run in json.loads(lab.cfid("runs", "--json").out)["runs"]]
 
-    assert states == ["complete", "complete"]
+    assert states == ["complete"] * 3
 
 
 @pytest.mark.parametrize("reader", ["stopped", "gone"])

@@ -11,16 +11,23 @@ import subprocess
 import sys
 import time
 import tomllib
+from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 from cfid.console.campaign import make_campaign
-from cfid.records.run import Run, read_run
+from cfid.records.files import RIG_FILE, RUNS_FOLDER
+from cfid.records.rig_file import load_rig
+from cfid.records.run import Label, Run, read_run
+from cfid.rig.instrument import Instrument
+from cfid.rig.run import Plan, record_run
+from cfid.rig.sensors import ready_encoder, ready_loadcell
 from cfid.rig.sim_file import SIM_FILE
+from cfid.sim.devices import SimulatedRig
+from cfid.sim.virtual import Virtual
 from tests.known import known
 from tests.priority import ahead_of_others
-from tests.virtual_lab import Lab
 
 CFID = (sys.executable, "-m", "cfid.cli.main")
 WARM_SHARE = 0.2
@@ -29,15 +36,21 @@ STARTS_WITHIN_S = 60.0
 
 def virtual(for_s: float, folder: Path) -> None:
     """Record each instrument for `for_s` seconds on a virtual clock, and print what is missing."""
+    make_campaign(folder)
+    rig = load_rig(folder / RIG_FILE)
     for name in ("encoder", "loadcell"):
-        (folder / name).mkdir(parents=True)
-        lab = Lab(folder / name)
-        log = lab.start("log", name, "--for", for_s)
-        while log.code is None:
-            log.go_on_for(60)
-        if log.code:
-            raise SystemExit(log.err)
-        _print(f"{name}, {for_s:g} s of virtual time", lab.run(), name)
+        hardware = Virtual(lambda seconds: SimulatedRig(rig, seconds=seconds, seed=1), unix_s=time.time())
+        devices, _ = hardware.devices(folder, rig)
+        plan = Plan(runs_folder=folder / RUNS_FOLDER, kind=name, label=Label(), for_s=for_s, simulated=True)
+        with ExitStack() as held:
+            turn = rig.encoder.counts_per_turn
+            instrument: Instrument = (
+                ready_encoder(devices.encoder, hardware, held, counts_per_turn=turn, say=print)
+                if name == "encoder"
+                else ready_loadcell(devices.loadcell, hardware, held, say=print)
+            )
+            run = record_run(plan, [instrument], hardware, show=lambda _: None, begun=lambda _: None)
+        _print(f"{name}, {for_s:g} s of virtual time", run, name)
 
 
 def real(for_s: float, folder: Path) -> None:
@@ -106,7 +119,7 @@ def main() -> None:
     arguments = parser.parse_args()
     with TemporaryDirectory(prefix="cfid-soak-") as name, ahead_of_others():
         if arguments.virtual:
-            virtual(arguments.virtual, Path(name))
+            virtual(arguments.virtual, Path(name) / "virtual")
         if arguments.real:
             real(arguments.real, Path(name) / "lab")
 

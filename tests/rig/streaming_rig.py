@@ -13,7 +13,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +26,7 @@ from cfid.recordings.read import read_recording
 from cfid.recordings.wrench import wrench_of
 from cfid.records.campaign import find_campaign
 from cfid.records.files import RIG_FILE
-from cfid.records.rig_file import Devices, load_rig, new_rig_text
+from cfid.records.rig_file import load_rig, new_rig_text
 from cfid.records.run import Label, Run, read_run
 from cfid.rig.hardware import Real
 from cfid.rig.lock import holder_of
@@ -35,7 +35,7 @@ from cfid.rig.run import Plan, record_run
 from cfid.rig.sensors import ready_encoder, ready_loadcell
 from cfid.rig.sim_file import devices_in, published
 from cfid.sim.devices import SimulatedRig
-from cfid.sim.service import Addresses, ServedRig
+from cfid.sim.service import Addresses, ServedRig, devices_at
 from cfid.wire.rls import STEPS_PER_TURN, decode_words
 from tests.places import ROOT
 from tests.priority import run_devices
@@ -48,13 +48,11 @@ _FASTEST_STEPS_PER_S = 21_000  # of the swing: 16 rad/s; the drawn releases come
 
 @dataclass(frozen=True)
 class CampaignRig:
-    """A simulated rig that serves a campaign; `thread` is the kernel's number of the thread in which it runs."""
+    """A simulated rig that serves a campaign."""
 
     campaign: Path
     rig: SimulatedRig
     addresses: Addresses
-    devices: Devices
-    thread: int
 
     @property
     def streaming(self) -> bool:
@@ -83,20 +81,8 @@ def served_rig(folder: Path, *, seed: int = 1) -> Iterator[CampaignRig]:
         )
         served = ServedRig(simulated, reactor=loop, folder=folder)
         addresses = _in_loop(loop, served.open)
-        devices = Devices(
-            encoder=rig.devices.encoder.model_copy(update={"port": str(addresses.encoder_port)}),
-            loadcell=rig.devices.loadcell.model_copy(
-                update={
-                    "address": addresses.address,
-                    "rdt_port": addresses.rdt_port,
-                    "http_port": addresses.http_port,
-                    "tcp_port": addresses.tcp_port,
-                }
-            ),
-        )
-        with published(folder, devices, seed=seed):
-            assert thread.native_id is not None
-            yield CampaignRig(folder, simulated, addresses, devices, thread.native_id)
+        with published(folder, devices_at(addresses, rig.devices), seed=seed):
+            yield CampaignRig(folder, simulated, addresses)
         _in_loop(loop, served.close)
     finally:
         loop.callFromThread(loop.stop)
@@ -114,7 +100,6 @@ class Logger:
 
     process: "subprocess.Popen[str]"
     folder: Path
-    killed_s: float = field(default=0.0)
 
     def wait_for_rows(self) -> None:
         """Wait until the files of both devices have enough rows for a recording."""
@@ -125,16 +110,13 @@ class Logger:
             time.sleep(0.002)
 
     def kill(self) -> None:
-        """Kill the process and wait for its end; the kernel's counts about it stay readable until the block ends."""
-        self.killed_s = time.time()
         self.process.kill()
-        os.waitid(os.P_PID, self.process.pid, os.WEXITED | os.WNOWAIT)
+        self.process.wait()
 
-    def end(self, *signals: signal.Signals, pause_s: float = 0.0) -> str:
+    def end(self, *signals: signal.Signals) -> str:
         """Send signals and wait for the end; return exit code and output after a failure or an error message, or ""."""
         for number in signals:
             self.process.send_signal(number)
-            time.sleep(pause_s)
         out, err = self.process.communicate(timeout=PATIENCE_S)
         return f"exit code {self.process.returncode}: {out}{err}" if self.process.returncode or err else ""
 
