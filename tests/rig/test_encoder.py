@@ -15,8 +15,9 @@ import serial
 from cfid.errors import DeviceError
 from cfid.records.rig_file import EncoderPort
 from cfid.records.run import losses
+from cfid.rig.check import check_encoder
 from cfid.rig.encoder import find_encoder, ports_to_ask, ready_encoder, word_bits
-from cfid.rig.hardware import PortInfo, Real
+from cfid.rig.hardware import Hardware, PortInfo, Real
 from cfid.rig.lock import DeviceLock
 from cfid.sim.e201 import E201Device, Reply
 from cfid.sim.faults import EncoderFaults, FaultyE201
@@ -443,32 +444,32 @@ def test_many_ports_that_say_nothing_are_not_all_waited_for(lab: Lab, monkeypatc
     assert lab.hardware.seconds() - begun_s < 5
 
 
+def checked(port: str, hardware: Hardware) -> str:
+    """Return the fault that a check of a port finds."""
+    (answer,) = check_encoder(EncoderPort(port=port), hardware, counts_per_turn=8192.0)
+    assert answer.state == "fault"
+    return answer.answer.removeprefix(f"{port}: ")
+
+
 def test_no_encoder_plugged_in_is_told(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(lab.hardware, "serial_ports", lambda: [PortInfo("/dev/ttyACM0", "STM32")])
-    with pytest.raises(DeviceError, match="no serial port has the name E201"):
-        find(lab)
 
-
-def real_fault(port: str) -> str:
-    hardware = Real()
-    with pytest.raises(DeviceError) as caught:
-        hardware.run(lambda _: find_encoder(hardware, port, counts_per_turn=8192.0))
-    return str(caught.value).removeprefix(f"{port}: ")
+    assert "no serial port has the name E201" in checked("", lab.hardware)
 
 
 @pytest.mark.parametrize("name", ["rig.toml", ".", os.devnull])
 def test_a_port_that_is_no_terminal_is_told(tmp_path: Path, name: str) -> None:
     (tmp_path / "rig.toml").touch()
-    assert real_fault(str(tmp_path / name)) == "this is not a serial port."
+    assert checked(str(tmp_path / name), Real()) == "this is not a serial port."
 
 
 def test_a_port_that_is_not_there_is_told(tmp_path: Path) -> None:
-    assert real_fault(str(tmp_path / "none")).startswith("no such port. Available: ")
+    assert checked(str(tmp_path / "none"), Real()).startswith("no such port. Available: ")
 
 
 def test_a_port_that_another_program_has_open_is_told() -> None:
     device, host = pty.openpty()
     with serial.Serial(os.ttyname(host), exclusive=True):
-        assert real_fault(os.ttyname(host)) == "another program has it open: close that first."
+        assert checked(os.ttyname(host), Real()) == "another program has it open: close that first."
     os.close(device)
     os.close(host)

@@ -14,7 +14,7 @@ import pytest
 from cfid.errors import DeviceError
 from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import LoadCellBox, load_rig
-from cfid.rig.check import judge_buffer
+from cfid.rig.check import check_loadcell, judge_buffer
 from cfid.rig.hardware import Address, DatagramPort, Real, TakeDatagram
 from cfid.rig.loadcell import RECEIVE_BUFFER_BYTES, read_once, read_settings, ready_loadcell, resolved
 from cfid.wire.rdt import Command, Request, decode_request, encode_request
@@ -312,6 +312,17 @@ def test_an_end_before_the_first_row_is_an_interruption(lab: Lab) -> None:
     assert log.run.header.state == "interrupted"
 
 
+def test_ctrl_c_while_the_box_is_asked_leaves_no_run(lab: Lab) -> None:
+    def interrupt() -> None:
+        raise KeyboardInterrupt
+
+    lab.loadcell_suffers(slow_s=2.5)
+    lab.hardware.at(1.0, interrupt)
+
+    assert lab.cfid(*LOG).code == 130
+    assert lab.run_folder() is None
+
+
 # What cannot be recorded
 
 
@@ -392,8 +403,9 @@ def test_another_device_at_the_address_is_told(answer: bytes, word: str) -> None
         box = LoadCellBox(address="127.0.0.1", http_port=port, tcp_port=port)
         with pytest.raises(DeviceError, match=word):
             read_settings(box, Real())
-        with pytest.raises(DeviceError, match=rf"TCP {port}"):
-            read_once(box, Real())
+        found = check_loadcell(box, Real())
+
+    assert [answer.state for answer in found] == ["fault", "fault"]  # over HTTP and TCP
 
 
 def test_a_port_on_which_nothing_listens_is_told() -> None:
@@ -406,8 +418,9 @@ def test_a_port_on_which_nothing_listens_is_told() -> None:
 
 @pytest.mark.parametrize("address", ["a box", "a..b", ""])
 def test_an_address_that_is_none_is_told_and_a_name_is_resolved(address: str) -> None:
-    with pytest.raises(DeviceError, match="no address"):
-        resolved(LoadCellBox.model_construct(address=address), Real())
+    (found,) = check_loadcell(LoadCellBox.model_construct(address=address), Real())
+
+    assert (found.asked, found.state) == ("address", "fault")
     assert resolved(LoadCellBox(address="localhost"), Real()).address == "127.0.0.1"
 
 
