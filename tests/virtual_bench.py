@@ -33,6 +33,8 @@ class Pilot(Command):
     def __init__(self, bench: "Bench", words: tuple[object, ...], keyboard: Keyboard | None, **options: Any) -> None:
         if keyboard is not None:
             options["stdin"] = keyboard.stdin
+        if options.get("screen"):
+            options["screen"] = keyboard
         super().__init__(bench.hardware, bench.folder, words, **options)
         self._bench = bench
         self.keyboard = keyboard
@@ -89,7 +91,10 @@ class Bench:
     def start(
         self, *words: object, typed: str | None = None, terminal: bool = False, script: bool = False, **options: Any
     ) -> Pilot:
-        """Start a command. `typed` is all its input; a terminal or a script types while it runs."""
+        """Start a command. `typed` is all its input; a terminal or a script types while it runs.
+
+        With `screen`, the terminal is also where it prints.
+        """
         keyboard = Keyboard(terminal=terminal) if terminal or script or typed is not None else None
         if keyboard is not None:
             self._keyboards.append(keyboard)

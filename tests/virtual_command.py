@@ -7,9 +7,10 @@ waits while the test acts. So nothing depends on how quick or busy the computer 
 import contextlib
 import os
 import pty
+import select
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import IO, Any
 
@@ -18,8 +19,8 @@ from cfid.console.screen import Screen
 from cfid.rig.hardware import in_place
 from cfid.sim.virtual import Virtual, VirtualClock
 
-LONGEST_S = 3600.0  # of virtual time, for one command
-_STUCK_S = 120.0  # of the computer's time, after which a test fails
+LONGEST_S = 600.0  # of virtual time, for one command
+_STUCK_S = 30.0  # of the computer's time, after which a test fails
 
 Holds = Callable[[], object]
 
@@ -34,6 +35,14 @@ class Keyboard:
     def __init__(self, *, terminal: bool = False) -> None:
         self._end, commands_end = pty.openpty() if terminal else reversed(os.pipe())
         self.stdin = os.fdopen(commands_end, encoding="utf-8")
+        self._shown = ""
+
+    @property
+    def shown(self) -> str:
+        """What the terminal has shown so far; it takes a few thousand characters before it has to be read."""
+        while self._end >= 0 and select.select([self._end], [], [], 0)[0]:
+            self._shown += os.read(self._end, 1 << 16).decode(errors="replace")
+        return self._shown
 
     def type(self, text: str) -> None:
         os.write(self._end, text.encode())
@@ -74,6 +83,7 @@ class Command:
         stdin: IO[Any] | None = None,
         stdout: IO[Any] | None = None,
         stderr: IO[Any] | None = None,
+        screen: Keyboard | None = None,
     ) -> None:
         self.code: int | None = None
         assert isinstance(hardware.time, PausingClock)
@@ -84,7 +94,7 @@ class Command:
         self._files = [folder / f".{name}{number}" for name in ("out", "err")]
         for file in self._files:
             file.touch()
-        self._stdin, self._stdout, self._stderr = stdin, stdout, stderr
+        self._stdin, self._stdout, self._stderr, self._screen = stdin, stdout, stderr, screen
         self._awaited: Holds | None = None
         self._goes_on, self._handed_over = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -97,7 +107,7 @@ class Command:
 
     @property
     def err(self) -> str:
-        return self._files[1].read_text()
+        return self._files[1].read_text() if self._screen is None else self._screen.shown
 
     def wait_until(self, holds: Holds, what: str = "") -> None:
         """Let the command run until something holds."""
@@ -138,7 +148,11 @@ class Command:
 
     def look(self) -> None:
         """Hand over to the test, where this command's thread runs and what the test waits for has happened."""
-        if threading.current_thread() is self._thread and self._awaited is not None and self._awaited():
+        if threading.current_thread() is not self._thread:
+            return
+        if self._screen is not None:
+            _ = self._screen.shown
+        if self._awaited is not None and self._awaited():
             self._awaited = None
             self._goes_on.clear()
             self._handed_over.set()
@@ -170,11 +184,21 @@ class Command:
             self._clock.commands.remove(self)
             self._handed_over.set()
 
+    @contextlib.contextmanager
+    def _opened_err(self, file: Path) -> Iterator[IO[str]]:
+        end = file if self._screen is None else os.dup(self._screen.stdin.fileno())
+        opened = open(end, "w", buffering=1, encoding="utf-8")  # noqa: PTH123, SIM115 - a path or a descriptor
+        try:
+            yield opened
+        finally:
+            with contextlib.suppress(OSError):  # raised by a closed terminal
+                opened.close()
+
     def _main(self) -> int:
         out, err = self._files
         with (
             out.open("w", encoding="utf-8") as out_file,
-            err.open("w", buffering=1, encoding="utf-8") as err_file,
+            self._opened_err(err) as err_file,
             contextlib.chdir(self._folder),
             in_place(self._hardware),
             Path(os.devnull).open(encoding="utf-8") as nothing,
@@ -194,7 +218,12 @@ def _streams(stdin: IO[Any], stdout: IO[Any], stderr: IO[Any]) -> Any:
     """Put other standard streams in place; what a live line says is written at once."""
     before, write = (sys.stdin, sys.stdout, sys.stderr), Screen.write
     sys.stdin, sys.stdout, sys.stderr = stdin, stdout, stderr
-    Screen.write = lambda self, text: print(text, end="", file=sys.stderr, flush=True)  # type: ignore[method-assign]
+
+    def written(screen: Screen, text: str) -> None:
+        with contextlib.suppress(OSError):  # raised by a closed terminal
+            print(text, end="", file=sys.stderr, flush=True)
+
+    Screen.write = written  # type: ignore[assignment, method-assign]
     try:
         yield
     finally:

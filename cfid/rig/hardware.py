@@ -7,6 +7,7 @@ passes as fast as the program computes.
 import contextlib
 import http.client
 import math
+import signal
 import socket
 import time
 import urllib.error
@@ -142,6 +143,10 @@ class Hardware(ABC):
         """Run a coroutine to its end, and return its result or raise what it raised; signals request the end."""
 
     @abstractmethod
+    def hang_up(self) -> None:
+        """Signal this program that its terminal was closed."""
+
+    @abstractmethod
     def later(self, delay_s: float, call: Callable[..., object], *arguments: Any) -> "DelayedCall":
         """Call something after a delay."""
 
@@ -257,6 +262,10 @@ class Real(Hardware):
             return run_until_done(run_in)
         finally:
             self._loop = None
+
+    def hang_up(self) -> None:
+        """Signal this process as the kernel signals the terminal's own session."""
+        signal.raise_signal(signal.SIGHUP)
 
     def later(self, delay_s: float, call: Callable[..., object], *arguments: Any) -> "DelayedCall":
         """Call something after a delay."""

@@ -1,6 +1,5 @@
 """Asks the operator for readings of an instrument while motors run and everything records."""
 
-import signal
 from collections.abc import Callable
 from contextlib import suppress
 from enum import Enum
@@ -149,7 +148,7 @@ class Questions:
         The kernel sends that signal to the terminal's own session, and its shell may pass it on later or never.
         """
         if self._keyboard.hung_up:
-            signal.raise_signal(signal.SIGHUP)
+            self._hardware.hang_up()
             await self._hardware.sleep(0)  # in which the loop takes the request, unless the signal is ignored
         raise ConfigError(f"{what}: standard input ended before the reading was typed.")
 

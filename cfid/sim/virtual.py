@@ -169,6 +169,10 @@ class Virtual(Hardware):
             result.raiseException()
         return result
 
+    def hang_up(self) -> None:
+        """Request the end of the run under way."""
+        self.request_end("SIGHUP")
+
     def later(self, delay_s: float, call: Callable[..., object], *arguments: Any) -> DelayedCall:
         """Call something after a delay."""
         return self.time.callLater(delay_s, call, *arguments)

@@ -1,0 +1,677 @@
+"""Commands that drive motors, as their operator sees them; whatever ends one of them stops the motors."""
+
+import contextlib
+import json
+import re
+import resource
+import signal
+import time
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from cfid.records.files import RIG_FILE
+from cfid.records.rig_file import load_rig
+from cfid.records.run import Run, list_runs
+from cfid.rig.recorder import Memory, Recorder
+from cfid.rig.stop import MAY_BE_RUNNING
+from cfid.sim.propulsion import Four
+from cfid.sim.supervisor import SupervisorState
+from tests.campaigns import Cfid
+from tests.flying_in_a_folder import bench_in as served_in
+from tests.virtual_bench import Bench, Pilot, bench_in
+
+VEHICLES: dict[str, dict[str, Any]] = {
+    "app": {"firmware": "app"},
+    "stock": {"firmware": "stock"},
+    "app, Brushless": {"firmware": "app", "platform": "cf21bl"},
+    "stock, Brushless": {"firmware": "stock", "platform": "cf21bl"},
+    "app, deck": {"firmware": "app", "rpm_deck": True},
+    "stock, deck": {"firmware": "stock", "rpm_deck": True},
+}
+BARE = ("app", "stock", "app, Brushless", "stock, Brushless")
+BOTH = pytest.mark.parametrize("firmware", ["app", "stock"])
+STOPPED_WITHIN_S = 0.7
+LOCKS_AFTER_S = 2.6  # longer than it takes until an old setpoint locks a vehicle
+ALL = ("--motor", "1,2,3,4")
+STEP = ("--from", 20000, "--to", 20000, "--hold", 0.8, "--rest", 0.5, *ALL, "--yes")
+QUICK = ("--from", 10000, "--to", 30000, "--step", 10000, "--hold", 0.6, "--rest", 0.3, "--yes")
+CONSOLE = "space, Enter, s"  # in the console's help, after which it listens
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Any:
+    with bench_in(tmp_path) as bench:
+        yield bench
+
+
+def runs_of(bench: Bench) -> list[Run]:
+    return [run for run in list_runs(bench.folder / "runs") if isinstance(run, Run)]
+
+
+def type_at_console(pilot: Pilot, text: str) -> None:
+    pilot.wait_until_said(CONSOLE)
+    pilot.type(text)
+
+
+# Each command with its default options, on each vehicle that it is for
+
+
+class Driving(NamedTuple):
+    """A command's words, what is typed, the vehicles that it is for, and whether motors turn."""
+
+    words: tuple[object, ...]
+    typed: str = ""
+    vehicles: tuple[str, ...] = BARE
+    drives: bool = True
+
+
+COMMANDS = {
+    "log thrust": Driving(STEP),
+    "log speed": Driving(STEP, "12000\n"),
+    "log speed --tachometer deck": Driving(STEP, vehicles=("app, deck", "stock, deck")),
+    "log speed --tachometer brushless": Driving(STEP, vehicles=("app, Brushless", "stock, Brushless")),
+    "log scales": Driving(STEP, "30\n"),
+    "log sine": Driving(
+        ("--l", "8,16", "--n", 500, "--before", 0.5, "--yes"), vehicles=("app", "app, Brushless", "app, deck")
+    ),
+    "log wind": Driving(
+        ("--wind", 0, "--tachometer", "none", "--commands", 20000, "--hold", 0.8, "--rest", 0.5, "--yes")
+    ),
+    "log ping": Driving(("--count", 5), drives=False),
+    "log gyro": Driving(("--axis", "x", "--for", 1), drives=False),
+    "motors": Driving(("--yes",), "1 2 3 4 20000\n0\n"),
+    "motors set": Driving((20000, "--for", 0.5, "--yes")),
+    "motors stop": Driving((), drives=False),
+    "rig preflight": Driving(("--for", 0.5, "--yes")),
+}
+
+
+@pytest.mark.parametrize(("name", "vehicle"), [(name, one) for name, c in COMMANDS.items() for one in c.vehicles])
+def test_a_command_ends_well_with_its_default_options(tmp_path: Path, name: str, vehicle: str) -> None:
+    command, radio = COMMANDS[name], {"latency_s": 0.004, "jitter_s": 0.001}
+    with bench_in(tmp_path, crazyflie=VEHICLES[vehicle], battery={"kind": "lipo"}, radio=radio) as bench:
+        pilot = bench.start(*name.split(), *command.words, typed=command.typed)
+        assert pilot.end() == 0, f"{pilot.out}{pilot.err}"
+        assert any(any(motors) for _, motors in bench.history) == command.drives
+        assert not any(bench.motors)
+        assert [run.header.state for run in runs_of(bench)] == ["complete"] * name.startswith("log ") * (
+            2 if name == "log sine" else 1
+        )
+
+
+# Ways out: the motors are off 0.7 s later, and stay off
+
+
+HOLD = ("motors", "set", 30000, "--yes")
+STAIRS = ("log", "thrust", *ALL, "--from", 30000, "--to", 30000, "--hold", 20, "--rest", 0.3, "--yes")
+SINES = ("log", "sine", "--motor", 1, "--l", "100,120", "--n", 20000, "--before", 0.3, "--yes")
+PREFLIGHT = ("rig", "preflight", "--for", 0.5, "--yes")
+ORDER = "1 2 3 4 30000\n"
+
+Act = Callable[[Bench, Pilot], None]
+
+
+def wait(bench: Bench, pilot: Pilot) -> None:
+    """Do nothing, since the command ends by itself."""
+    pilot.wait_until(lambda: pilot.code is not None or not any(bench.motors), "an end")
+
+
+def request(*names: str) -> Act:
+    def act(bench: Bench, pilot: Pilot) -> None:
+        for name in names:
+            pilot.request_end(name)
+            pilot.go_on_for(0.01)
+
+    return act
+
+
+def vehicle(**faults: Any) -> Act:
+    return lambda bench, pilot: bench.vehicle_suffers(**faults)
+
+
+def loadcell(**faults: Any) -> Act:
+    return lambda bench, pilot: bench.loadcell_suffers(**faults)
+
+
+def overload(bench: Bench, pilot: Pilot) -> None:
+    bench.rig.loadcell.box.load_cell.overload()
+
+
+def fill_disk(bench: Bench, pilot: Pilot) -> None:
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, resource.getrlimit(resource.RLIMIT_FSIZE)[1]))
+
+
+def break_recorder(bench: Bench, pilot: Pilot) -> None:
+    def broken(*_: Any) -> None:
+        raise RuntimeError("a bug")
+
+    for kind, method in ((Recorder, "_write"), (Memory, "append")):
+        BROKEN.setattr(kind, method, broken)
+
+
+BROKEN = pytest.MonkeyPatch()
+
+
+def typing(text: str) -> Act:
+    return lambda bench, pilot: pilot.type(text)
+
+
+def hang_up(bench: Bench, pilot: Pilot) -> None:
+    assert pilot.keyboard is not None
+    pilot.keyboard.hang_up()
+
+
+class Way(NamedTuple):
+    """A way to end a command: its words, what happens while motors run, its exit code, and a word of its message."""
+
+    words: tuple[object, ...]
+    act: Act
+    code: int
+    told: str = ""
+    keyboard: Mapping[str, Any] = {}
+    vehicles: tuple[str, ...] = BARE
+    own_delay_s: float = 0.0  # until the fault counts as one
+
+
+SCRIPT, TERMINAL = {"script": True}, {"terminal": True}
+WITH_APP = ("app", "app, Brushless")
+LATE = 0.5
+WAYS: dict[str, Way] = {
+    "time over": Way((*HOLD, "--for", 0.5), wait, 0),
+    "a bug": Way(HOLD, break_recorder, 1),
+    "a bug in preflight": Way(PREFLIGHT, break_recorder, 1),
+    "Ctrl-C": Way(HOLD, request("SIGINT"), 0),
+    "Ctrl-C twice": Way(HOLD, request("SIGINT", "SIGINT"), 0),
+    "SIGHUP in a staircase": Way(STAIRS, request("SIGHUP"), 0),
+    "SIGTERM in a sine": Way(SINES, request("SIGTERM"), 0, vehicles=WITH_APP),
+    "Ctrl-C in wind": Way(
+        ("log", "wind", "--wind", 0, "--commands", 30000, "--hold", 20, "--rest", 0.3, "--yes", "--tachometer", "none"),
+        request("SIGINT"),
+        0,
+    ),
+    "Ctrl-C in preflight": Way(PREFLIGHT, request("SIGINT"), 130),
+    "link silent": Way(HOLD, vehicle(silent_after_s=0), 3, vehicles=WITH_APP),
+    "link closed": Way(HOLD, vehicle(closed_after_s=0), 3, vehicles=WITH_APP),
+    "link silent in a sine": Way(SINES, vehicle(silent_after_s=0), 3, vehicles=WITH_APP),
+    "link silent in preflight": Way(PREFLIGHT, vehicle(silent_after_s=0), 3, vehicles=WITH_APP),
+    "link closed in preflight": Way(PREFLIGHT, vehicle(closed_after_s=0), 3, vehicles=WITH_APP),
+    "battery low": Way(HOLD, vehicle(low_battery_after_s=0), 3, "battery", own_delay_s=LATE),
+    "battery low in a sine": Way(
+        SINES, vehicle(low_battery_after_s=0), 3, "battery", vehicles=WITH_APP, own_delay_s=LATE
+    ),
+    "battery low in preflight": Way(PREFLIGHT, vehicle(low_battery_after_s=0), 3, "not ready", own_delay_s=LATE),
+    "load cell lost": Way(STAIRS, loadcell(silent_after_s=0), 3, own_delay_s=LATE),
+    "load cell lost in a sine": Way(SINES, loadcell(silent_after_s=0), 3, vehicles=WITH_APP, own_delay_s=LATE),
+    "load cell lost in preflight": Way(PREFLIGHT, loadcell(silent_after_s=0), 3, "not ready", own_delay_s=LATE),
+    "overload": Way(STAIRS, overload, 3, "saturation"),
+    "overload in preflight": Way(PREFLIGHT, overload, 3, "not ready"),
+    "disk full": Way(STAIRS, fill_disk, 4, "too large"),
+    "nonsense typed": Way(("motors", "--yes"), typing("1 99999\n"), 2, "99999", SCRIPT),
+    "script over": Way(("motors", "--yes"), hang_up, 0, "", SCRIPT),
+    "Ctrl-D": Way(("motors", "--yes"), typing("\x04"), 0, "", TERMINAL),
+    "Ctrl-D in a line": Way(("motors", "--yes"), typing("2 4\x04"), 0, "", TERMINAL),
+    "terminal hung up": Way(("motors", "--yes"), hang_up, 0, "", TERMINAL),
+}
+GONE_WRONG = {SupervisorState.LEVEL_OUT, SupervisorState.FREE_FALL, SupervisorState.LOCKED}
+
+
+@pytest.mark.parametrize(("name", "kind"), [(name, kind) for name, way in WAYS.items() for kind in way.vehicles])
+def test_the_motors_stop_whatever_ends_the_command(tmp_path: Path, name: str, kind: str) -> None:
+    way = WAYS[name]
+    limit = resource.getrlimit(resource.RLIMIT_FSIZE)
+    with (
+        bench_in(tmp_path, crazyflie=VEHICLES[kind], battery={"kind": "lipo"}) as bench,
+        contextlib.ExitStack() as undone,
+    ):
+        undone.callback(resource.setrlimit, resource.RLIMIT_FSIZE, limit)
+        undone.callback(BROKEN.undo)
+        pilot = bench.start(*way.words, **way.keyboard)
+        if way.keyboard:
+            type_at_console(pilot, ORDER)
+        pilot.wait_until(lambda: any(motors > 7000 for motors in bench.motors), "motors")
+        pilot.go_on_for(0.2)
+        began_s = bench.hardware.seconds()
+        way.act(bench, pilot)
+        if way.act is wait:
+            began_s = bench.hardware.seconds()
+        if way.act is break_recorder:
+            with pytest.raises(RuntimeError, match="a bug"):
+                pilot.end()
+        else:
+            assert pilot.end() == way.code, f"{pilot.out}{pilot.err}"
+        assert way.told in pilot.err
+        if way.act is fill_disk:
+            began_s = bench.history[-1][0]
+        bench.hardware.pause(STOPPED_WITHIN_S)  # the app stops the motors by itself where no link is left
+        assert bench.stopped_after(began_s + way.own_delay_s) < STOPPED_WITHIN_S
+        last = bench.history[-1]
+        assert MAY_BE_RUNNING not in pilot.err
+        bench.hardware.pause(LOCKS_AFTER_S)
+        assert bench.history[-1] == last
+        assert bench.rig.crazyflie.vehicle.supervisor.state not in GONE_WRONG
+
+
+@pytest.mark.parametrize("words", [HOLD, STAIRS, PREFLIGHT], ids=["set", "thrust", "preflight"])
+@pytest.mark.parametrize("fault", ["silent_after_s", "closed_after_s"])
+@pytest.mark.parametrize("kind", ["stock", "stock, Brushless"])
+def test_stock_firmware_without_a_link_is_the_exception_and_the_operator_is_told(
+    tmp_path: Path, kind: str, fault: str, words: tuple[object, ...]
+) -> None:
+    with bench_in(tmp_path, crazyflie=VEHICLES[kind], battery={"kind": "lipo"}) as bench:
+        pilot = bench.start(*words)
+        pilot.wait_until_motors_run()
+        driven = bench.motors
+        bench.vehicle_suffers(**{fault: 0})
+        assert pilot.end() == 3
+        assert MAY_BE_RUNNING in pilot.err
+        assert bench.motors == driven  # the motors do still run
+
+
+@pytest.mark.parametrize(
+    ("numbers", "codes"),
+    [
+        ((signal.SIGINT, signal.SIGINT), (0, 130, -signal.SIGINT)),  # the second may arrive as the interpreter exits
+        ((signal.SIGTSTP,), (0,)),
+        ((signal.SIGKILL,), (-signal.SIGKILL,)),
+    ],
+    ids=["Ctrl-C twice", "Ctrl-Z", "SIGKILL"],
+)
+def test_a_signal_to_the_process_stops_the_motors(
+    tmp_path: Path, numbers: tuple[int, ...], codes: tuple[int, ...]
+) -> None:
+    with served_in(tmp_path) as bench:
+        pilot = bench.start(*HOLD)
+        pilot.wait_until_motors_run()
+        began_s = time.monotonic()
+        pilot.send(*numbers)
+        assert pilot.end() in codes, pilot.err
+        assert bench.stopped_after(began_s) < STOPPED_WITHIN_S
+
+
+@BOTH
+@pytest.mark.parametrize("before_s", [0.02, 0.06, 0.12, 0.2])
+def test_an_end_shortly_before_a_step_leaves_no_motor_on(tmp_path: Path, firmware: str, before_s: float) -> None:
+    """Actions that the procedure was about to take when the end was requested must not come after the stop."""
+    radio = {"latency_s": 0.0285, "jitter_s": 0.008}
+    with bench_in(tmp_path, crazyflie={"firmware": firmware}, radio=radio) as bench:
+        pilot = bench.start("log", "thrust", *QUICK)
+        pilot.wait_until_motors_run(0.0)
+        pilot.go_on_for(0.6 + 0.3 - before_s)
+        pilot.request_end()
+        assert pilot.end() == 0, pilot.err
+        bench.hardware.pause(1.0)
+        assert not any(bench.motors)
+
+
+def test_a_stop_counts_where_nothing_can_be_printed(bench: Bench) -> None:
+    with Path("/dev/full").open("w") as full:
+        ended = bench.start("motors", "set", 20000, "--for", 0.3, "--yes", stdout=full)
+        assert ended.end() == 0, ended.err
+        with contextlib.suppress(OSError):
+            full.close()
+    assert "motors stopped, confirmed in" in ended.err
+    assert not any(bench.motors)
+
+
+# Before anything turns
+
+
+@pytest.mark.parametrize(("typed", "code"), [("y\n", 0), ("n\n", 2), ("", 2)])
+@pytest.mark.parametrize("words", [("motors", "set", 20000, "--for", 0.3), ("log", "thrust", *QUICK[:-1])])
+def test_the_operator_confirms_before_a_motor_turns(
+    bench: Bench, words: tuple[object, ...], typed: str, code: int
+) -> None:
+    pilot = bench.start(*words, typed=typed)
+    assert pilot.end() == code, pilot.err
+    assert bench.uri in pilot.err
+    assert ("fastened" in pilot.err) == ("[y/N]" in pilot.err) is True
+    assert (len(bench.history) > 1) == (code == 0)
+    assert (bench.folder / "runs").exists() == (code == 0 and words[0] == "log")
+
+
+def test_rig_tomls_limit_is_told_before_anything_is_asked(bench: Bench) -> None:
+    rig = bench.folder / RIG_FILE
+    rig.write_text(rig.read_text() + "largest_command = 25000\n")
+    for words in (("log", "thrust", *QUICK), (*HOLD,), ("log", "sine", "--l", 3, "--yes")):
+        pilot = bench.start(*words)
+        assert pilot.end() == 2
+        assert "commands go from 0 to 25000" in pilot.err
+    assert len(bench.history) == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ("log sine --l 1,x", "--periods 1,x"),
+        ("log sine --l 2001", "0 to N/2 = 2000"),
+        ("log sine --n 2000 --l 2,1001", "0 to N/2 = 1000"),
+        ("log sine --l 4,4", "twice"),
+        ("log sine --l 4 --amplitude 30001", "--force allows it"),
+        ("log thrust some-run", "--resume some-run"),
+        ("log sine --l 4 --n 0", "'--samples'"),
+        ("log sine --motor 1,5", "0 to 4"),
+        ("log sine --l 4 --plan thesis-first", "give one of them"),
+        ("log thrust --from 3000 --to 2000", "no command between"),
+        ("log thrust --hold 0", "--hold 0"),
+        ("log thrust --hold 1e99", "3600 at most"),
+        ("log thrust --step 100000", "command 0 alone"),
+        ("log sine --before 1e99", "600 at most"),
+        ("log sine --amplitude 0", "greater than or equal to 1"),
+        ("log thrust --to 70000", "'--to'"),
+        ("log speed --port /dev/x", "--port is the UT372's"),
+        ("log speed --yes --tachometer ut372 --wait 5", "--wait"),
+        ("log speed --yes --wait 3600", "--wait"),
+        ("motors set 70000", "Invalid value for"),
+        ("motors set 1000 --motor 5", "1 to 4"),
+        ("log ping --interval 0", "--interval 0"),
+    ],
+)
+def test_what_cannot_be_meant_so_is_told_first(bench: Bench, words: str, expected: str) -> None:
+    pilot = bench.start(*words.split())
+    assert pilot.end() == 2
+    assert expected in " ".join(pilot.err.split())
+    assert len(bench.history) == 1
+
+
+@pytest.mark.parametrize("state", ["locked", "tumbled"])
+@pytest.mark.parametrize("words", [("log", "thrust", *QUICK), HOLD, ("motors", "--yes")])
+def test_a_vehicle_that_cannot_run_is_refused_by_its_state_before_a_run_folder_exists(
+    bench: Bench, words: tuple[object, ...], state: str
+) -> None:
+    bench.vehicle_suffers(**{"emergency_after_s" if state == "locked" else "tumble_after_s": 0})
+    bench.hardware.pause(1.0)
+    pilot = bench.start(*words)
+    assert pilot.end() == 3
+    assert f"the vehicle is {state}: " in pilot.err
+    assert runs_of(bench) == []
+    supervisor = checked(bench)["supervisor"]
+    assert (supervisor["answer"], supervisor["state"], bool(supervisor["advice"])) == (state, "fault", True)
+
+
+def checked(bench: Bench) -> dict[str, dict[str, str]]:
+    """Return what `cfid rig check` answers about the vehicle, by what it asked."""
+    pilot = bench.start("rig", "check", "--json")
+    pilot.end()
+    return {answer["asked"]: answer for answer in json.loads(pilot.out)["devices"]["crazyflie"]}
+
+
+@pytest.mark.parametrize(("faults", "told"), [({"protocol": 9}, "2025.12"), ({"app_protocol": 3}, "version 3")])
+def test_rig_check_calls_no_vehicle_ok_that_motors_set_refuses(bench: Bench, faults: dict[str, int], told: str) -> None:
+    bench.vehicle_suffers(**faults)
+    refused = bench.start(*HOLD)
+    assert refused.end() == 3
+    assert told in refused.err
+    answers = checked(bench)
+    assert (answers["link"]["state"], answers["motors"]["state"]) == ("ok", "fault")
+    assert told in answers["motors"]["answer"]
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "platform", "state"),
+    [
+        ("cf21bl", "cf2", "warning"),
+        ("cf21bl", "cf21bl", "ok"),
+        ("cf21bl", "crazyflie", "ok"),
+        ("cf2", "cf21bl", "warning"),
+        ("cf2", "cf2", "ok"),
+    ],
+)
+def test_rig_check_compares_the_vehicle_with_rig_tomls_platform_and_notes_a_newer_protocol(
+    tmp_path: Path, vehicle: str, platform: str, state: str
+) -> None:
+    with bench_in(tmp_path, crazyflie={"platform": vehicle}) as bench:
+        rig = bench.folder / RIG_FILE
+        rig.write_text(rig.read_text().replace('platform = "cf2"', f'platform = "{platform}"'))
+        answers = checked(bench)
+        assert (answers["vehicle"]["state"], answers["link"]["state"]) == (state, "ok")
+        bench.vehicle_suffers(protocol=99)
+        assert checked(bench)["link"]["state"] == "warning"
+
+
+def test_a_dry_run_tells_the_time_and_reaches_for_nothing(cfid: Cfid, tmp_path: Path) -> None:
+    assert cfid("new", str(tmp_path)).returncode == 0
+    stairs = cfid("log", "thrust", "--dry-run", "--campaign", str(tmp_path))
+    sines = cfid("log", "sine", "--l", "1,2,4", "--dry-run", "--campaign", str(tmp_path))
+    assert stairs.stdout == "33 commands from 0 to 64000 on motors 1, 3, 10 s each with 3 s of pause: 7:12 min\n"
+    assert sines.stdout == "3 sines of 12 s: 0:34 min\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "truth", "told"),
+    [
+        (("log", "sine", "--l", 3, "--yes"), {"firmware": "stock"}, "cfid's app"),
+        (("log", "speed", "--tachometer", "deck", "--yes"), {}, "no RPM deck"),
+    ],
+)
+def test_a_vehicle_that_lacks_something_is_told_what(
+    tmp_path: Path, words: tuple[object, ...], truth: dict[str, Any], told: str
+) -> None:
+    with bench_in(tmp_path, crazyflie=truth) as bench:
+        pilot = bench.start(*words)
+        assert pilot.end() == 3
+        assert told in pilot.err
+        assert len(bench.history) == 1
+
+
+# What is recorded
+
+
+def test_a_staircase_is_felt_by_the_load_cell(bench: Bench) -> None:
+    pilot = bench.start("log", "thrust", *QUICK[:7], 1, *QUICK[8:], "--json")
+    assert pilot.end() == 0, pilot.err
+    lost = {name: device["lost"] for name, device in json.loads(pilot.out)["devices"].items()}
+    assert lost == dict.fromkeys(("commands", "loadcell", "crazyflie", "supervisor"), 0)
+    run = bench.run()
+    assert run.header.requested["steps"] == [10000, 20000, 30000]
+    commands, cell = (pd.read_csv(run.device_file(name)) for name in ("commands", "loadcell"))
+    steps = commands[commands.m1 > 0]
+    assert steps.m1.tolist() == steps.m3.tolist() == [10000, 20000, 30000]
+    at_rest = cell[cell.t < steps.t.iloc[0]].Fz.mean()
+    windows = [cell[(cell.t > begin_s + 0.6) & (cell.t < begin_s + 0.98)] for begin_s in steps.t]
+    thrust_n = [2 * 1.8e-8 * (381 + 0.0408 * step) ** 2 for step in (10000, 20000, 30000)]
+    assert [(window.Fz.mean() - at_rest) / 1e6 for window in windows] == pytest.approx(thrust_n, rel=0.1)
+
+
+def test_a_run_that_is_moved_while_motors_turn_ends_with_how_they_stopped(bench: Bench) -> None:
+    pilot = bench.start("log", "thrust", *QUICK)
+    pilot.wait_until_motors_run()
+    (folder,) = (bench.folder / "runs").iterdir()
+    folder.rename(bench.folder / "elsewhere")
+    assert pilot.end() == 4, pilot.err
+    assert "moved" in pilot.err
+    assert re.search(r"motors stopped, confirmed in \d+ ms", pilot.err)
+    assert not any(bench.motors)
+
+
+@pytest.mark.parametrize("fault", [True, False])
+def test_a_run_toml_that_cannot_be_written_at_the_end_is_named_with_how_the_motors_stopped(
+    bench: Bench, fault: bool
+) -> None:
+    pilot = bench.start("log", "thrust", *QUICK)
+    pilot.wait_until_motors_run()
+    (folder,) = (bench.folder / "runs").iterdir()
+    header = folder / "run.toml"
+    header.rename(folder / "begun.toml")
+    header.mkdir()  # no file can replace a folder, not even for an administrator
+    if fault:
+        bench.vehicle_suffers(low_battery_after_s=0)
+    assert pilot.end() == (3 if fault else 4), pilot.err
+    assert re.search(r"motors stopped, confirmed in \d+ ms", pilot.err)
+    assert pilot.err.count("The run counts as cut. Its rows are kept.") == 1
+    assert str(header) in pilot.err
+    assert not any(bench.motors)
+
+
+@pytest.mark.parametrize(
+    ("words", "truth"), [(("thrust",), {}), (("speed", "--tachometer", "deck"), {"rpm_deck": True})]
+)
+def test_an_interrupted_staircase_is_resumed_where_it_ended(
+    tmp_path: Path, words: tuple[str, ...], truth: dict[str, Any]
+) -> None:
+    with bench_in(tmp_path, crazyflie=truth) as bench:
+        pilot = bench.start("log", *words, *QUICK)
+        pilot.wait_until(lambda: bench.motors[0] == 20000, "the second step")
+        pilot.request_end()
+        assert pilot.end() == 0
+        again = bench.start("log", words[0], "--resume", "--yes")
+        assert again.end() == 0, again.err
+        first, second = runs_of(bench)
+        assert (first.header.state, second.header.state) == ("interrupted", "complete")
+        assert second.header.requested["steps"] == [20000, 30000]
+        assert second.header.requested["hold_s"] == 0.6
+        assert first.header.devices.keys() == second.header.devices.keys()
+        assert first.header.rig == second.header.rig == load_rig(bench.folder / RIG_FILE).facts
+        nothing = bench.start("log", words[0], "--resume", second.folder, "--yes")
+        assert nothing.end() == 2
+        assert "is complete" in nothing.err
+
+
+@pytest.mark.parametrize("silent", [False, True])
+def test_a_staircase_that_ends_in_the_pause_after_its_last_step_is_complete(bench: Bench, silent: bool) -> None:
+    pilot = bench.start("log", "thrust", "--from", 20000, "--to", 20000, "--hold", 1, "--rest", 3, "--yes")
+    pilot.wait_until_motors_run()
+    pilot.wait_until(lambda: not any(bench.motors), "the last pause")
+    if silent:
+        bench.vehicle_suffers(silent_after_s=0)
+    else:
+        pilot.request_end()
+    assert pilot.end() == (3 if silent else 0), pilot.err
+    run = bench.run()
+    assert run.header.state == "complete"
+    assert ("no keep-alive" in run.header.reason) == silent
+    assert run.header.verdict is not None
+    assert "--resume" not in pilot.out
+
+
+def test_a_sine_on_board_is_felt_by_the_load_cell(bench: Bench) -> None:
+    pilot = bench.start("log", "sine", "--l", "12", "--n", 1000, "--yes", "--before", 0.5)
+    assert pilot.end() == 0, pilot.err
+    run = bench.run()
+    assert run.header.requested == {"l": 12, "n": 1000, "amplitude": 20000, "motor": 1}
+    crossings, cell = (pd.read_csv(run.device_file(name)) for name in ("crossings", "loadcell"))
+    on_board_s = (crossings.vehicle_us - crossings.vehicle_us.iloc[0]).to_numpy() / 1e6
+    assert on_board_s == pytest.approx(crossings["sample"].to_numpy() / 500, abs=0.002)
+    begin_s = (crossings.t - on_board_s).min()  # from the report with the smallest delay
+    played = cell[(cell.t > begin_s) & (cell.t < begin_s + 2.0)]
+    phase = 2 * np.pi * 6 * (played.t - begin_s)  # l 500/N hertz
+    basis = np.column_stack([np.ones(len(played)), np.cos(phase), np.sin(phase)])
+    _, cos, sin = np.linalg.lstsq(basis, played.Fz.to_numpy() / 1e6, rcond=None)[0]
+    assert np.hypot(cos, sin) > 0.005
+    assert sin > 0  # the rotor lags behind
+
+
+def test_sines_are_played_one_after_the_other_and_resumed(bench: Bench) -> None:
+    words = ("log", "sine", "--l", "5,20,40", "--n", 300, "--yes", "--before", 0.2)
+    pilot = bench.start(*words)
+    played = lambda: len(list((bench.folder / "runs").glob("*"))) == 2 and any(bench.motors)  # noqa: E731
+    pilot.wait_until(played, "the second sine")
+    pilot.request_end("SIGTERM")
+    assert pilot.end() == 0
+    assert not any(bench.motors)
+    stopped = max((bench.folder / "runs").iterdir()).name
+    again = bench.start("log", "sine", "--yes", "--before", 0.2, "--resume", stopped, "--json")
+    assert again.end() == 0, again.err
+    assert json.loads(again.out)["wanted"] == [20, 40]
+    states = [(run.header.requested["l"], run.header.state) for run in runs_of(bench)]
+    assert states == [(5, "complete"), (20, "interrupted"), (20, "complete"), (40, "complete")]
+    last = bench.start(*words, "--resume")
+    assert last.end() == 2
+    assert "nothing is left" in last.err
+
+
+@BOTH
+def test_pings_are_fitted_and_shown_as_in_table_3_2(tmp_path: Path, firmware: str) -> None:
+    radio = {"latency_s": 0.0285, "jitter_s": 0.008}
+    with bench_in(tmp_path, crazyflie={"firmware": firmware}, radio=radio) as bench:
+        words = ("log", "ping", "--count", 60, "--interval", 0.07, "--note", "on the bench")
+        pilot = bench.start(*words, "--json")
+        assert pilot.end() == 0, pilot.err
+        found = json.loads(pilot.out)["parameters"]
+        measured_s = pd.read_csv(bench.run().device_file("pings")).rtt_s
+        assert len(measured_s) == 60
+        assert found["latency.rtt_mean_s"]["value"] == pytest.approx(measured_s.mean(), rel=1e-6)
+        assert found["latency.rtt_std_s"]["value"] == pytest.approx(measured_s.std(ddof=1), rel=1e-6)
+        shown = bench.start(*words)
+        assert shown.end() == 0
+    header, row = shown.out.splitlines()[1:3]
+    assert header.split() == ["circumstances", "packets", "mean", "RTT", "[ms]", "std", "[ms]", "least", "[ms]"]
+    assert row.startswith("on the bench")
+    assert "█" in shown.out
+
+
+# The console
+
+
+def motors_are(bench: Bench, motors: Four) -> bool:
+    return bench.motors == motors
+
+
+def test_the_console_obeys_lines(bench: Bench) -> None:
+    pilot = bench.start("motors", "--yes", script=True)
+    for line, motors in [
+        ("1 3 20000", (20000, 0, 20000, 0)),
+        ("a 30000", (30000,) * 4),
+        ("stop", (0, 0, 0, 0)),
+        ("1 20000, 2 15000", (20000, 15000, 0, 0)),
+        ("18000", (18000, 18000, 0, 0)),
+    ]:
+        pilot.type(f"{line}\n")
+        pilot.wait_until(partial(motors_are, bench, motors), line)
+    pilot.type("q\n")
+    assert pilot.end() == 0
+    assert not any(bench.motors)
+
+
+def test_the_console_obeys_keys_at_a_terminal_and_space_stops_at_once(bench: Bench) -> None:
+    pilot = bench.start("motors", "--yes", terminal=True)
+    pilot.wait_until_said(CONSOLE)
+    for keys, motors in [
+        ("1 3 20000\n", (20000, 0, 20000, 0)),
+        ("\x1b[A", (20500, 0, 20500, 0)),
+        ("\x1b[B\x1b[B", (19500, 0, 19500, 0)),
+        (" ", (0, 0, 0, 0)),
+        ("all 14x\x7f2000\r", (12000,) * 4),
+        ("\r", (0, 0, 0, 0)),
+        ("7 100\n", (0, 0, 0, 0)),
+        ("2 9000\n", (0, 9000, 0, 0)),
+        ("4 100s", (0, 0, 0, 0)),
+        ("2 9000\n", (0, 9000, 0, 0)),
+        ("4  ", (0, 0, 0, 0)),
+        ("3 9000\n", (0, 0, 9000, 0)),
+        ("1 4\x1b", (0, 0, 0, 0)),
+        ("[A", (0, 0, 0, 0)),
+        ("1 9000\n", (9000, 0, 0, 0)),
+        ("4 30x00 2\n", (0, 0, 0, 0)),
+        ("1 9000\n", (9000, 0, 0, 0)),
+    ]:
+        pilot.type(keys)
+        pilot.go_on_for(0.3)
+        pilot.wait_until(partial(motors_are, bench, motors), repr(keys))
+    pilot.type("q")
+    assert pilot.end() == 0
+    assert not any(bench.motors)
+    assert "not 7" in pilot.err
+
+
+@BOTH
+def test_a_stop_goes_before_all_keys_that_wait(tmp_path: Path, firmware: str) -> None:
+    radio = {"latency_s": 0.0285, "jitter_s": 0.008}
+    with bench_in(tmp_path, crazyflie={"firmware": firmware}, radio=radio) as bench:
+        pilot = bench.start("motors", "--yes", terminal=True)
+        type_at_console(pilot, "a 30000\n")
+        pilot.wait_until(lambda: bench.motors == (30000,) * 4, "motors")
+        for _ in range(60):
+            pilot.type("\x1b[A")
+            pilot.go_on_for(0.02)
+        began_s = bench.hardware.seconds()
+        pilot.type(" ")
+        pilot.go_on_for(1.5)
+        assert bench.stopped_after(began_s) < STOPPED_WITHIN_S
+        pilot.type("q")
+        assert pilot.end() == 0, pilot.err

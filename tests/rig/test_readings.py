@@ -1,0 +1,408 @@
+"""Readings that an operator or a script types, or a device shows, while motors are held for them."""
+
+import json
+import math
+import re
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pandas as pd
+import pytest
+
+from cfid.recordings.vehicle import read_rows
+from cfid.records.files import RIG_FILE
+from cfid.records.run import Run, list_runs, read_run
+from cfid.sim.e201 import Reply
+from cfid.sim.propulsion import Four
+from cfid.sim.virtual import _VirtualPort
+from tests.virtual_bench import Bench, Pilot, bench_in
+
+TYPED = ("--from", 20000, "--to", 40000, "--step", 10000, "--hold", 0.2, "--rest", 0.1, "--yes")
+SPEEDS = ((20000, "11500"), (30000, "15300"), (40000, "19000"))
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Any:
+    with bench_in(tmp_path) as bench:
+        yield bench
+
+
+class Terminal:
+    """A terminal at which a recording asks for readings."""
+
+    def __init__(self, bench: Bench, *words: object) -> None:
+        self.pilot = bench.start(*words, terminal=True, screen=True)
+        self._answered = 0  # number of characters shown before the last answer
+
+    def wait_for(self, text: str) -> None:
+        """Wait until a text is shown that was not yet shown at the last answer."""
+        self.pilot.wait_until(lambda: text in self.pilot.err[self._answered :], text)
+
+    def answer(self, *answers: tuple[str, str]) -> None:
+        """Type lines, each once its question is shown; a question must come after the previous answer."""
+        for question, line in answers:
+            self.wait_for(question)
+            self._answered = len(self.pilot.err)
+            self.pilot.type(f"{line}\n")
+
+    def read(self, *readings: tuple[int, str]) -> None:
+        self.answer(*((f"RPM at command {command}", value) for command, value in readings))
+
+
+def readings(run: Run) -> list[list[float]]:
+    """Return the readings that count, each with its command."""
+    columns = read_rows(run, "readings").columns
+    return [list(row) for row in zip(columns["command"], columns[list(columns)[-1]], strict=True)]
+
+
+def held(run: Run) -> list[int]:
+    """Return the commands of motor 1, without their repetitions."""
+    commands = pd.read_csv(run.device_file("commands"))["m1"]
+    return [int(command) for command in commands[commands.diff() != 0]]
+
+
+def stopped(run: Run) -> bool:
+    return (run.header.devices["commands"].model_extra or {}).get("stopped_in_s") is not None
+
+
+# A script
+
+
+@pytest.mark.parametrize(
+    ("kind", "typed", "expected"),
+    [
+        ("speed", "12000\n\n15000.5\n", [[20000, 12000], [40000, 15000.5]]),
+        ("scales", "u\n12\nundo\n30\n25\n60\n", [[30000, 30], [20000, 25], [40000, 60]]),
+        ("speed", "11500\n15300\n9000\nu\n19000\n23000\n", [[20000, 11500], [30000, 15300], [40000, 19000]]),
+    ],
+    ids=["one left out", "one taken back", "the last taken back"],
+)
+def test_a_script_types_readings_and_takes_them_back(
+    bench: Bench, kind: str, typed: str, expected: list[list[float]]
+) -> None:
+    pilot = bench.start("log", kind, *TYPED, typed=typed)
+    assert pilot.end() == 0, pilot.err
+    assert readings(bench.run()) == expected
+    assert bench.run().header.state == "complete"
+    on_disk = pd.read_csv(bench.run().device_file("readings"))
+    assert (
+        on_disk.withdrawn.sum()
+        == pilot.err.count("taken back: ")
+        == len(on_disk) - len(expected) - (len(on_disk) - len(expected)) // 2
+    )
+    assert ("'23000' is not used" in pilot.err) == typed.endswith("23000\n")
+
+
+@pytest.mark.parametrize(
+    ("kind", "steps", "typed", "words"),
+    [
+        ("speed", TYPED, "11500\n15300\n999999999\n", "command 40000"),
+        ("scales", TYPED, "30\n25\n77777\n", "command 40000"),
+        ("speed", ("--from", 0, "--to", 40000, "--step", 20000, *TYPED[6:]), "7290\n11500\n19000\n", "command 0"),
+    ],
+)
+def test_a_script_is_told_of_an_implausible_reading_and_its_run_is_not_usable(
+    bench: Bench, kind: str, steps: tuple[object, ...], typed: str, words: str
+) -> None:
+    pilot = bench.start("log", kind, *steps, typed=typed)
+    assert pilot.end() == 0, pilot.err
+    assert len(readings(bench.run())) == 3
+    verdict = bench.run().header.verdict
+    assert verdict is not None
+    assert not verdict.usable
+    assert words in verdict.text
+
+
+@pytest.mark.parametrize(("typed", "word"), [("12000\nfast\n", "'fast'"), ("12000\n", "input ended")])
+def test_a_script_that_types_nonsense_or_ends_early_stops_the_motors(bench: Bench, typed: str, word: str) -> None:
+    pilot = bench.start("log", "speed", *TYPED, typed=typed)
+    assert pilot.end() == 2
+    assert word in pilot.err
+    assert not any(bench.motors)
+    run = bench.run()
+    assert (run.header.state, stopped(run), readings(run)) == ("failed", True, [[20000, 12000]])
+
+
+# A terminal
+
+
+@pytest.mark.parametrize("quiet", [(), ("--quiet",)])
+def test_the_last_reading_is_taken_back_before_the_recording_ends(bench: Bench, quiet: tuple[str, ...]) -> None:
+    terminal = Terminal(bench, "log", "speed", *TYPED, *quiet)
+    terminal.read(*SPEEDS[:2], (40000, "9100"))
+    terminal.answer(("Enter ends", "u"))
+    terminal.read(SPEEDS[2])
+    terminal.answer(("Enter ends", ""))
+    assert terminal.pilot.end() == 0
+    assert ("\a" in terminal.pilot.err) == (not quiet)
+    assert [value for _, value in readings(bench.run())] == [11500, 15300, 19000]
+    assert held(bench.run()) == [0, 20000, 0, 30000, 0, 40000, 0, 40000, 0]
+    assert bench.run().header.state == "complete"
+
+
+@pytest.mark.parametrize("rest_s", [0.1, 2])
+def test_ctrl_c_where_all_is_read_ends_a_recording_as_enter_does(bench: Bench, rest_s: float) -> None:
+    terminal = Terminal(bench, "log", "speed", *TYPED[:9], rest_s, "--yes")
+    terminal.read(*SPEEDS)
+    if rest_s > 1:
+        terminal.pilot.wait_until(lambda: not any(bench.motors), "the pause after the last reading")
+    else:
+        terminal.wait_for("Enter ends")
+    terminal.pilot.request_end()
+    assert terminal.pilot.end() == 0
+    assert bench.run().header.state == "complete"
+    assert len(readings(bench.run())) == 3
+
+
+def test_an_implausible_reading_counts_once_it_is_typed_twice(bench: Bench) -> None:
+    terminal = Terminal(bench, "log", "speed", *TYPED)
+    terminal.read((20000, "250000"))
+    terminal.answer(("to keep it", "11500"))
+    terminal.read((30000, "999999"))
+    terminal.answer(("to keep it", "999999"))
+    terminal.read(SPEEDS[2])
+    terminal.answer(("Enter ends", ""))
+    assert terminal.pilot.end() == 0
+    assert [value for _, value in readings(bench.run())] == [11500, 999999, 19000]
+
+
+@pytest.mark.parametrize("ended", ["Ctrl-D", "hung up"])
+def test_input_that_ends_at_a_reading_stops_the_motors(bench: Bench, ended: str) -> None:
+    """A terminal that is closed ends the recording as SIGHUP does."""
+    terminal = Terminal(bench, "log", "speed", *TYPED)
+    terminal.wait_for("RPM at command 20000")
+    assert any(bench.motors)
+    keyboard = terminal.pilot.keyboard
+    assert keyboard is not None
+    if ended == "Ctrl-D":
+        keyboard.type("\x04")
+    else:
+        keyboard.hang_up()
+    code = terminal.pilot.end()
+    header = bench.run().header
+    assert not any(bench.motors)
+    assert stopped(bench.run())
+    if ended == "Ctrl-D":
+        assert (code, header.state) == (2, "failed")
+    else:
+        assert (code, header.state) == (0, "interrupted")
+        assert "SIGHUP" in header.reason
+
+
+# A reading that nobody types
+
+HOLD_S, WAIT_S = 0.4, 2.0
+TIMES = ("--hold", HOLD_S, "--rest", 0.2, "--wait", WAIT_S, "--yes")
+STAIRS = ("--from", 20000, "--to", 30000, "--step", 10000, "--motor", 1, *TIMES)
+WIND = ("--angle", 48, "--wind", "2,3", "--fan-voltage", 8, "--commands", "20000,30000", *TIMES)
+
+
+def wait_for_pause(bench: Bench, pilot: Pilot) -> None:
+    """Wait until motors ran, for as long as they are held for a reading."""
+    pilot.wait_until_motors_run(0.0)
+    begun_s = bench.history[-1][0]
+    pilot.wait_until(lambda: not any(bench.motors), "a pause")
+    assert bench.history[-1][0] - begun_s == pytest.approx(HOLD_S + WAIT_S, abs=0.05)
+
+
+def check_times(run: Run) -> None:
+    """Check that every reading was typed while its command was in force, and that one step was held twice."""
+    commands, typed = (pd.read_csv(run.device_file(name)) for name in ("commands", "readings"))
+    for row in typed.itertuples():
+        assert commands[commands.t < row.t].m1.iloc[-1] == row.command
+    assert held(run) == [0, 20000, 0, 20000, 0, 30000, 0]
+
+
+def test_motors_pause_where_nobody_answers_and_the_reading_is_asked_again(bench: Bench) -> None:
+    terminal = Terminal(bench, "log", "speed", *STAIRS)
+    wait_for_pause(bench, terminal.pilot)
+    terminal.wait_for("Enter resumes")
+    paused = len(bench.history)
+    terminal.pilot.go_on_for(5.0)
+    assert len(bench.history) == paused
+    terminal.answer(("Enter resumes", "12000"))
+    terminal.read(*SPEEDS[:2])
+    terminal.answer(("Enter ends", ""))
+    assert terminal.pilot.end() == 0
+    assert readings(bench.run()) == [[20000, 11500], [30000, 15300]]
+    assert bench.run().header.requested["wait_s"] == WAIT_S
+    check_times(bench.run())
+
+
+@pytest.mark.parametrize(
+    ("kind", "options", "values"), [("scales", STAIRS, (25.0, 20.0)), ("wind", WIND, (11500.0, 15300.0))]
+)
+def test_a_line_that_a_script_writes_in_the_pause_resumes_and_is_no_reading(
+    bench: Bench, kind: str, options: tuple[object, ...], values: tuple[float, float]
+) -> None:
+    pilot = bench.start("log", kind, *options, script=True)
+    wait_for_pause(bench, pilot)
+    pilot.type(f"99\n{values[0]:g}\n{values[1]:g}\n")
+    assert pilot.keyboard is not None
+    pilot.keyboard.hang_up()
+    assert pilot.end() == 0, pilot.err
+    assert readings(bench.run()) == [[20000, values[0]], [30000, values[1]]]
+    check_times(bench.run())
+
+
+@pytest.mark.parametrize(
+    ("typed", "left"), [("12000\n", "2 commands from 30000 to 40000"), ("12000\nu\n", "3 commands from 20000 to 40000")]
+)
+def test_a_reading_that_was_not_typed_or_was_taken_back_is_asked_for_again(bench: Bench, typed: str, left: str) -> None:
+    pilot = bench.start("log", "speed", *TYPED, script=True)
+    pilot.type(typed)
+    pilot.wait_until(lambda: bench.motors[0] == 30000, "the second step")
+    pilot.go_on_for(0.6)
+    pilot.request_end()
+    assert pilot.end() == 0
+    named = re.search(r"`cfid (log speed --resume \S+)`", " ".join(pilot.out.split()))
+    assert named is not None
+    again = bench.start(*named[1].split(), "--dry-run")
+    assert again.end() == 0, again.err
+    assert again.out.startswith(left)
+    other = bench.start("log", "thrust", "--resume", bench.run().folder, "--dry-run")
+    assert other.end() == 2
+
+
+# Devices that show speed or weight
+
+STAIRCASE = ("--from", 20000, "--to", 50000, "--step", 10000, "--hold", 1.5, "--rest", 0.8, "--yes")
+IDLE_RAD_PER_S, RAD_PER_S_PER_COMMAND = 381.0, 0.0408  # of the simulated rotors
+
+
+class Shown:
+    """A device that sends twenty lines a second, which depend on the motors' commands."""
+
+    continuous = True
+    faults = SimpleNamespace(unplug_after_s=None)
+
+    def __init__(self, bench: Bench, line: Callable[[Four], str]) -> None:
+        self._bench, self._line, self._next_s = bench, line, bench.hardware.seconds()
+
+    def received(self, data: bytes, now_s: float) -> list[Reply]:
+        return []
+
+    def due(self, now_s: float) -> list[Reply]:
+        if now_s < self._next_s:
+            return []
+        self._next_s += 0.05
+        return [(0.0, f"{self._line(self._bench.motors)}\r\n".encode())]
+
+
+def serve(bench: Bench, name: str, line: Callable[[Four], str]) -> str:
+    """Plug such a device in, and return its port."""
+    port = _VirtualPort(Shown(bench, line), bench.hardware.time)
+    bench.hardware.ports[f"/virtual/{name}-{bench.uri[6:]}"] = port
+    port.begin()
+    return f"/virtual/{name}-{bench.uri[6:]}"
+
+
+def state(bench: Bench, name: str, value: str, line: Callable[[Four], str], more: str = "") -> None:
+    """Plug such a device in, and state it in rig.toml."""
+    port = serve(bench, name, line)
+    with (bench.folder / RIG_FILE).open("a") as file:
+        file.write(
+            f"\n[devices.{name}]\nkind = 'lines'\nport = '{port}'\nrate_hz = 20\n"
+            f"values = [{{ name = '{value}' }}]\n{more}\n"
+        )
+
+
+def rpm(motors: Four) -> float:
+    """Return what a tachometer shows of a rotor; the last speed stays on display while the rotor stands."""
+    return (IDLE_RAD_PER_S + RAD_PER_S_PER_COMMAND * (motors[0] or 50000)) * 60 / math.tau
+
+
+@pytest.mark.parametrize("markers", [1, 2])
+def test_a_speed_map_is_fitted_to_what_a_tachometer_sent_by_its_own_markers(bench: Bench, markers: int) -> None:
+    """One device sends the rotor's speed and one counts both blades, while a hand-held one has two markers."""
+    state(bench, "tachometer", "rpm", lambda motors: f"{markers * rpm(motors):.1f}", f"markers = {markers}")
+    pilot = bench.start("log", "speed", "--tachometer", "lines", *STAIRCASE)
+    assert pilot.end() == 0, pilot.err
+    fit = bench.start("fit", "speed", bench.run().folder, "--json", "--no-figures")
+    assert fit.end() == 0, fit.err
+    slope, offset = json.loads(fit.out)["parameters"]["motor.speed_poly"]["value"]
+    assert slope == pytest.approx(RAD_PER_S_PER_COMMAND, rel=1e-3)
+    assert offset == pytest.approx(IDLE_RAD_PER_S, rel=1e-3)
+
+
+@pytest.mark.parametrize(("share", "reason"), [(0.5, "0.50 times"), (4.0, "implausible at 65535 cmd")])
+def test_speeds_that_the_fit_rejects_are_of_no_use_at_once(bench: Bench, share: float, reason: str) -> None:
+    state(bench, "tachometer", "rpm", lambda motors: f"{share * rpm(motors):.1f}", "markers = 1")
+    short = ("--from", 20000, "--to", 40000, "--step", 20000, "--hold", 1, "--rest", 0.5, "--yes")
+    pilot = bench.start("log", "speed", "--tachometer", "lines", *short)
+    assert pilot.end() == 0, pilot.err
+    verdict = bench.run().header.verdict
+    assert verdict is not None
+    assert not verdict.usable
+    assert reason in verdict.text
+    fit = bench.start("fit", "speed", bench.run().folder, "--json", "--no-figures")
+    assert fit.end() == 5
+    assert reason in fit.err
+
+
+def test_no_motor_starts_before_a_line_of_the_tachometer_matches(bench: Bench) -> None:
+    state(bench, "tachometer", "rpm", lambda _: "28187500,83943", "markers = 1")
+    pilot = bench.start("log", "speed", "--tachometer", "lines", *STAIRCASE)
+    assert pilot.end() == 3, pilot.err
+    assert held(bench.run()) == [0]
+    assert len(bench.history) == 1
+    assert "devices.tachometer" in pilot.err
+
+
+def test_a_first_line_that_comes_late_delays_the_staircase_and_costs_no_step(bench: Bench) -> None:
+    ready_s = bench.hardware.seconds() + 2.5
+    state(
+        bench,
+        "tachometer",
+        "rpm",
+        lambda motors: f"{rpm(motors):.1f}" if bench.hardware.seconds() > ready_s else "starting",
+        "markers = 1",
+    )
+    pilot = bench.start("log", "speed", "--tachometer", "lines", *STAIRCASE)
+    assert pilot.end() == 0, pilot.err
+    commands, shown = (pd.read_csv(bench.run().device_file(name)) for name in ("commands", "tachometer"))
+    assert shown.t.iloc[0] < commands.t[commands.m1 > 0].iloc[0]
+    assert sorted(set(commands.m1)) == [0, 20000, 30000, 40000, 50000]
+
+
+def thrust_n(command: int) -> float:
+    return 1.8e-8 * (IDLE_RAD_PER_S + RAD_PER_S_PER_COMMAND * command) ** 2 if command else 0.0
+
+
+def grams(motors: Four) -> float:
+    return 50 - 1e3 * sum(map(thrust_n, motors)) / 9.81
+
+
+def test_a_thrust_map_is_verified_by_what_scales_sent_as_lines(bench: Bench) -> None:
+    rows = [f"{command},{thrust_n(command):.6f}" for command in range(16000, 60000, 4000)]
+    (bench.folder / "forces.csv").write_text("\n".join(["cmd,thrust_n", "0,0", *rows]) + "\n")
+    state(bench, "scales", "grams", lambda motors: f"{grams(motors):.1f}")
+    pilot = bench.start("log", "scales", *STAIRCASE)
+    assert pilot.end() == 0, pilot.err
+    verdict = bench.run().header.verdict
+    assert verdict is not None
+    assert verdict.usable
+    fit = bench.start("fit", "thrust", "forces.csv", "--verify", bench.run().folder, "--no-figures")
+    assert fit.end() == 0, fit.err
+    ((count, most_mn),) = re.findall(r"verification: (\d+) readings, .* at most ([0-9.]+) mN from the map", fit.out)
+    assert int(count) == 9
+    assert float(most_mn) < 1
+
+
+def test_scales_at_a_port_are_resumed_at_it(bench: Bench) -> None:
+    port = serve(bench, "scales", lambda motors: f"ST,GS,{grams(motors):+08.2f} g")
+    steps = ("--from", 0, "--to", 40000, "--step", 20000, "--hold", 1.5, "--rest", 0.8)
+    pilot = bench.start("log", "scales", "--port", port, "--baud", 19200, *steps, "--yes")
+    pilot.wait_until(lambda: bench.motors[0] == 40000, "the last step")
+    pilot.request_end()
+    assert pilot.end() == 0, pilot.err
+    again = bench.start("log", "scales", "--resume", bench.run().folder, "--yes")
+    assert again.end() == 0, again.err
+    first, second = (read_run(run.folder) for run in list_runs(bench.folder / "runs") if isinstance(run, Run))
+    assert second.header.requested["steps"] == [40000]
+    said = [run.header.devices["scales"].model_extra or {} for run in (first, second)]
+    assert [(facts["port"], facts["baud"]) for facts in said] == [(port, 19200)] * 2
+    assert second.header.verdict is not None
+    assert second.header.verdict.usable
