@@ -84,6 +84,7 @@ class Command:
         stdout: IO[Any] | None = None,
         stderr: IO[Any] | None = None,
         screen: Keyboard | None = None,
+        patience_s: float = _STUCK_S,
     ) -> None:
         self.code: int | None = None
         assert isinstance(hardware.time, PausingClock)
@@ -95,6 +96,7 @@ class Command:
         for file in self._files:
             file.touch()
         self._stdin, self._stdout, self._stderr, self._screen = stdin, stdout, stderr, screen
+        self._patience_s = patience_s
         self._awaited: Holds | None = None
         self._goes_on, self._handed_over = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -169,7 +171,7 @@ class Command:
             self._thread.start()
         else:
             self._goes_on.set()
-        assert self._handed_over.wait(_STUCK_S), f"stuck\n{self.out}{self.err}"
+        assert self._handed_over.wait(self._patience_s), f"stuck\n{self.out}{self.err}"
         if self._error is not None:
             raise self._error
 

@@ -1,14 +1,9 @@
 """Every command on a terminal, in a campaign whose folder, rig and addresses have control sequences in their names."""
 
-import fcntl
 import os
-import pty
 import re
-import select
 import signal
-import struct
 import subprocess
-import termios
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -23,6 +18,7 @@ from cfid.rig.sim_file import SIM_FILE
 from tests.campaigns import LONGEST_S
 from tests.offline.write import write_runs
 from tests.processes import started
+from tests.terminal import Terminal
 
 pytestmark = pytest.mark.usefixtures("in_time")
 
@@ -92,11 +88,11 @@ def evil(tmp_path: Path, recordings: list[Any]) -> Iterator[Path]:
     write_runs(open_campaign(folder), recordings[:3])
     places = {"TMPDIR": str(tmp_path), "CFID_LOCKS": str(tmp_path / "locks"), "XDG_CACHE_HOME": str(tmp_path / "cache")}
     environment = os.environ | places | {"TERM": "xterm"}
-    screen = Screen()
-    sim = screen.start(("rig", "sim", "--axis", "x"), folder, environment)
+    screen = Terminal(100)
+    sim = start_on(screen, ("rig", "sim", "--axis", "x"), folder, environment)
     end_s = time.monotonic() + LONGEST_S
-    while not (folder / SIM_FILE).exists() or "until this ends" not in screen.read():
-        assert time.monotonic() < end_s, screen.read()
+    while not (folder / SIM_FILE).exists() or "until this ends" not in screen.shown():
+        assert time.monotonic() < end_s, screen.shown()
         time.sleep(0.05)
     where = folder / SIM_FILE
     where.write_text(
@@ -108,30 +104,14 @@ def evil(tmp_path: Path, recordings: list[Any]) -> Iterator[Path]:
         yield folder
     sim.send_signal(signal.SIGINT)
     sim.wait(LONGEST_S)
-    assert not unprintable(screen.read())
+    assert not unprintable(screen.shown())
     screen.close()
 
 
-class Screen:
-    """A terminal of 100 columns."""
-
-    def __init__(self) -> None:
-        self._far, self._near = pty.openpty()
-        fcntl.ioctl(self._near, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 100, 0, 0))
-        self._shown = b""
-
-    def start(self, words: tuple[object, ...], folder: Path, environment: dict[str, str], **options: Any) -> Any:
-        return started(words, cwd=folder, env=environment, stdout=self._near, stderr=self._near, **options)
-
-    def read(self) -> str:
-        """Return everything that was shown so far."""
-        while select.select([self._far], [], [], 0)[0]:
-            self._shown += os.read(self._far, 65536)
-        return self._shown.decode()
-
-    def close(self) -> None:
-        os.close(self._far)
-        os.close(self._near)
+def start_on(
+    screen: Terminal, words: tuple[object, ...], folder: Path, environment: dict[str, str], **options: Any
+) -> Any:
+    return started(words, cwd=folder, env=environment, stdout=screen.file, stderr=screen.file, **options)
 
 
 def unprintable(text: str) -> list[str]:
@@ -144,18 +124,18 @@ def unprintable(text: str) -> list[str]:
 def shown_by(name: str, folder: Path) -> str:
     """Run a command on a terminal and return what it showed; its questions get a yes, but that of `next` gets a no."""
     words = [str(word).format(folder=folder) for word in WORDS.get(name, ("{folder}/none.csv",))]
-    screen = Screen()
-    process = screen.start((*name.split(), *words), folder, dict(os.environ), stdin=subprocess.PIPE)
+    screen = Terminal(100)
+    process = start_on(screen, (*name.split(), *words), folder, dict(os.environ), stdin=subprocess.PIPE)
     process.stdin.write(b"n\n" if name == "next" else b"y\n" * 20)
     process.stdin.close()
     end_s, next_s = time.monotonic() + LONGEST_S, 0.0
     while process.poll() is None:
-        assert time.monotonic() < end_s, screen.read()
-        if "Ctrl-C ends it" in screen.read() and time.monotonic() > next_s:
+        assert time.monotonic() < end_s, screen.shown()
+        if "Ctrl-C ends it" in screen.shown() and time.monotonic() > next_s:
             process.send_signal(signal.SIGINT)
             next_s = time.monotonic() + 2.0  # as an operator would, who waits for what the first one does
         time.sleep(0.02)
-    shown = screen.read()
+    shown = screen.shown()
     screen.close()
     return shown
 

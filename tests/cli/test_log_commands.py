@@ -232,8 +232,11 @@ def test_a_reader_that_takes_nothing_holds_up_no_program(monkeypatch: pytest.Mon
 # The live line
 
 
-@BOTH
-def test_a_terminal_shows_a_line_that_lives_and_never_wraps(lab: Lab, terminal: Terminal, device: str) -> None:
+@pytest.mark.parametrize(("device", "columns"), [("encoder", COLUMNS), ("loadcell", COLUMNS), ("encoder", 0)])
+def test_a_terminal_shows_a_line_that_lives_and_never_wraps_in_80_columns_where_it_states_none(
+    lab: Lab, terminal: Terminal, device: str, columns: int
+) -> None:
+    terminal.resize(columns)
     log = lab.start("log", device, stderr=terminal.file)
     log.go_on_for(4)
     said, shown = log.ask_to_end(), terminal.shown()
@@ -247,17 +250,6 @@ def test_a_terminal_shows_a_line_that_lives_and_never_wraps(lab: Lab, terminal: 
             assert all(len(frame) < COLUMNS for frame in line.split("\r"))
     assert shown.endswith("\r\a")
     assert shown.rstrip("\r\a").rpartition("\r")[2].strip() == ""  # the live line is erased
-
-
-def test_a_terminal_that_states_no_width_has_80_columns(lab: Lab, terminal: Terminal) -> None:
-    terminal.resize(0)
-    log = lab.start("log", "encoder", stderr=terminal.file)
-    log.go_on_for(3)
-    log.ask_to_end()
-    frames = re.findall(LINE + r"[^\r]*", terminal.shown())
-
-    assert frames
-    assert all(len(frame) < COLUMNS for frame in frames)
 
 
 @BOTH

@@ -22,6 +22,7 @@ from tests.virtual_command import Command, Keyboard, PausingClock
 
 pytestmark = pytest.mark.slow
 
+PATIENCE_S = 1800.0  # of this computer's time, for one step: seven minutes of a load cell at 7 kHz
 MARKERS = 2  # as in rig.toml
 WINDS = ((0.0, 8, 3.1), (48.4, 8, 2.9), (77.9, 8, 3.6), (0.0, 10, 4.0), (48.4, 10, 3.7), (77.9, 6, 2.8))
 FITS = {
@@ -53,7 +54,8 @@ class Operator:
         keyboard = Keyboard()
         keyboard.type("".join(f"{line}\n" for line in (*answers, "y", *typed_for(words))))
         keyboard.hang_up()
-        command = Command(hardware, self.folder, ("next", "--kind", self.kind), stdin=keyboard.stdin)
+        words_of_next = ("next", "--kind", self.kind)
+        command = Command(hardware, self.folder, words_of_next, stdin=keyboard.stdin, patience_s=PATIENCE_S)
         assert command.run_to_end() == 0, (words, command.out, command.err)
         keyboard.close()
         self._now_s = hardware.unix_s() + 60

@@ -10,6 +10,8 @@ import time
 
 import pytest
 
+from cfid.errors import DeviceError
+from cfid.rig.loop import Ending, Loop, run_until_done
 from tests.places import ROOT
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of Unix")
@@ -17,13 +19,11 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of Unix
 PREFACE = """
 import signal, sys, time
 from twisted.internet.task import deferLater
-from cfid.errors import DeviceError
 from cfid.rig.loop import run_until_done
 
 def say(*words):
     print(*words, flush=True)
 """
-ENDINGS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
 # Signals that end or suspend a program by default (signal(7)), and can be caught.
 BY_DEFAULT = (
     *("SIGHUP", "SIGINT", "SIGQUIT", "SIGTRAP", "SIGABRT", "SIGUSR1", "SIGUSR2", "SIGALRM", "SIGTERM", "SIGSTKFLT"),
@@ -155,7 +155,7 @@ say(signal.getsignal(signal.SIGHUP) == signal.SIG_IGN)
     assert said(process) == ["SIGTERM", "True"]
 
 
-@pytest.mark.parametrize("number", ENDINGS)
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
 def test_a_signal_ends_a_program_whose_work_is_done_though_a_thread_keeps_it(number: signal.Signals) -> None:
     process = start(
         """
@@ -237,52 +237,29 @@ say(run_until_done(main))
     assert said(process) == ["SIGTERM"]
 
 
-def test_results_errors_and_times_come_out_of_a_loop() -> None:
-    process = start(
-        """
-async def result(loop, ending):
-    return 42
+@pytest.mark.parametrize("error", [DeviceError("no device"), KeyError("a slip"), KeyboardInterrupt()])
+def test_errors_come_out_of_a_loop_and_handlers_come_back(error: BaseException) -> None:
+    async def fails(loop: Loop, ending: Ending) -> None:
+        raise error
 
-async def fails(loop, ending):
-    raise DeviceError("no device")
-
-async def fails_later(loop, ending):
-    await deferLater(loop, 0.01, lambda: None)
-    raise KeyError("a slip")
-
-async def interrupted(loop, ending):
-    raise KeyboardInterrupt
-
-async def timed(loop, ending):
-    began_s = loop.seconds()
-    await ending.within(0.2)
-    return 0.2 <= loop.seconds() - began_s < 2 and not ending.signal
-
-async def asked_before(loop, ending):
-    ending.request("SIGINT")
-    await ending.within(60)
-    return ending.signal
-
-say("ready")
-say(run_until_done(result))
-for main in (fails, fails_later, interrupted):
     before = signal.getsignal(signal.SIGINT)
-    try:
-        run_until_done(main)
-    except BaseException as error:
-        say(repr(error), signal.getsignal(signal.SIGINT) is before)
-say(run_until_done(timed))
-say(run_until_done(asked_before))
-"""
-    )
-    assert said(process) == [
-        "42",
-        "DeviceError('no device') True",
-        "KeyError('a slip') True",
-        "KeyboardInterrupt() True",
-        "True",
-        "SIGINT",
-    ]
+    with pytest.raises(type(error)):
+        run_until_done(fails)
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_a_wait_ends_after_its_time_and_at_once_where_the_end_was_requested_before() -> None:
+    async def main(loop: Loop, ending: Ending) -> tuple[float, str]:
+        begun_s = loop.seconds()
+        await ending.within(0.05)
+        waited_s = loop.seconds() - begun_s
+        ending.request("SIGINT")
+        await ending.within(60)
+        return waited_s, ending.signal
+
+    waited_s, name = run_until_done(main)
+    assert waited_s >= 0.05
+    assert name == "SIGINT"
 
 
 def test_a_thread_that_is_late_neither_fails_nor_writes_to_a_file_that_was_opened_since() -> None:
