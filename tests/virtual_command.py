@@ -19,8 +19,9 @@ from cfid.console.screen import Screen
 from cfid.rig.hardware import in_place
 from cfid.sim.virtual import Virtual, VirtualClock
 
-LONGEST_S = 600.0  # of virtual time, for one command
-_STUCK_S = 30.0  # of the computer's time, after which a test fails
+LONGEST_S = 3600.0  # of virtual time, for one command
+LONGEST_WAIT_S = 600.0  # of virtual time, for what a test waits for
+_STUCK_S = 120.0  # of the computer's time, after which a test fails
 
 Holds = Callable[[], object]
 
@@ -113,7 +114,7 @@ class Command:
 
     def wait_until(self, holds: Holds, what: str = "") -> None:
         """Let the command run until something holds."""
-        end_s = self._hardware.seconds() + LONGEST_S
+        end_s = self._hardware.seconds() + LONGEST_WAIT_S
         self._awaited = lambda: holds() or self._hardware.seconds() > end_s
         self._go_on()
         assert self.code is None or holds(), f"ended before: {what}\n{self.out}{self.err}"

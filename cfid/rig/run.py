@@ -193,7 +193,7 @@ async def _recorded(
         finally:
             _tell_stop(instruments, stopped)
     empty = [name for name in sampled if not run.rows(name)]
-    if ending.signal and len(empty) == len(sampled):
+    if ending.signal and empty and len(empty) == len(sampled):
         raise KeyboardInterrupt
     if empty:
         raise DeviceError(

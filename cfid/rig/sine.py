@@ -67,7 +67,7 @@ class Crossings(Instrument):
         self._started, self._done, self._samples = True, Deferred(), request.samples
         await self._player.play(request)
         longest_s = lasts_s + _DONE_AFTER_S
-        silent = self._hardware.later(_FIRST_REPORT_S, self._complain, "no report of a first sample arrived")
+        silent = self._hardware.later(_FIRST_REPORT_S, self._check_begun)
         late = self._hardware.later(1.1 * longest_s + _MARGIN_S, self._complain, "no report of its end arrived")
         try:
             done = await self._done
@@ -87,11 +87,11 @@ class Crossings(Instrument):
         if self._running:
             self._player.check()
         reports, self._reports = self._reports, []
+        missing, self._missing = self._missing, 0
         if not reports:
-            return self.no_rows()
+            return self.no_rows(missing)
         times_s = self._hardware.clock.unix_s(np.array([arrived_s for arrived_s, _ in reports]))
         values = np.array([report for _, report in reports], dtype=np.int64)
-        missing, self._missing = self._missing, 0
         return Block((times_s, *values.T), missing)
 
     async def stop(self) -> None:
@@ -112,9 +112,12 @@ class Crossings(Instrument):
         known = {key: value for key, value in end.items() if value is not None}
         return {"end": known, "rejected": self._rejected, "duplicates": self._duplicates, **stopped}
 
+    def _check_begun(self) -> None:
+        if not (self._next_report or self._player.playing):
+            self._complain("no report of a first sample arrived")
+
     def _complain(self, what: str) -> None:
-        begun = "first" in what and (self._next_report or self._reports or self._player.playing)
-        if self._done is not None and not self._done.called and not begun:
+        if self._done is not None and not self._done.called:
             self._done.errback(DeviceError(f"{self._vehicle.uri}: the sine did not run: {what}."))
 
     def _take_crossing(self, payload: bytes, arrived_s: float) -> None:

@@ -534,15 +534,6 @@ def test_a_log_that_says_nothing_confirms_no_stop(tmp_path: Path, firmware: str,
 # Others who drive
 
 
-def test_another_programs_stop_ends_ours_for_good(tmp_path: Path) -> None:
-    with flight_in(tmp_path) as flight:
-        flight.hardware.at(1.0, flight.send, Packet(12, 3, bytes(4)))
-        began_s = flight.hardware.seconds() + 1.0
-        _, failure = flight.hold(for_s=5.0)
-    assert "another program stopped the motors" in str(failure)
-    assert flight.stopped_after(began_s) < 0.1
-
-
 def test_a_vehicle_that_somebody_disarms_in_a_run_is_named_so(tmp_path: Path) -> None:
     with flight_in(tmp_path, crazyflie={"platform": "cf21bl"}) as flight:
         flight.hardware.at(2.0, flight.send, DISARM)

@@ -31,7 +31,7 @@ from cfid.rig.tables import connect
 from cfid.rig.vehicle import BATTERY, asked, logged
 from cfid.sim.propulsion import RotorTruth
 from cfid.transfer.sines.record import play_sine
-from cfid.wire.app import AppPorts, SineRequest, omega_of
+from cfid.wire.app import AppPorts, SineChannel, SineRequest, omega_of
 from cfid.wire.crtp import LOG_CONTROL_CHANNEL, LOG_PORT, RESET_LOG, LogCommand, Packet
 from tests.flying_in_a_folder import bench_in as served_in
 from tests.known import known
@@ -132,13 +132,17 @@ def test_the_crossings_of_a_sine_are_those_of_equation_3_6(tmp_path: Path, perio
     assert not driven[:, [0, 2, 3]].any()
 
 
-def test_reports_of_a_sine_that_the_link_lost_are_counted(tmp_path: Path) -> None:
+@pytest.mark.parametrize("lost", [(0,), (3, 4, 40), (81,), (7, 81)])
+def test_reports_of_a_sine_that_the_link_lost_are_counted(tmp_path: Path, lost: tuple[int, ...]) -> None:
+    """The last of the 82 reports is followed by none that would show that it is missing."""
+    place = (AppPorts().sine, SineChannel.CROSSING)
     with flight_in(tmp_path) as flight:
-        flight.vehicle_suffers(drop_every=9)
+        numbers = iter(range(1000))
+        flight.disturb(lambda packet: [] if packet[:2] == place and next(numbers) in lost else [packet])
         run, failure = flight.record([flight.ready.crossings()], playing(flight, sine(40)))
-    missing = len(crossings_of(commanded(40))) + 1 - len(rows(run, "crossings"))
     assert failure is None
-    assert run.header.devices["crossings"].lost == missing > 0
+    assert len(crossings_of(commanded(40))) + 1 - len(rows(run, "crossings")) == len(lost)
+    assert run.header.devices["crossings"].lost == len(lost)
 
 
 @pytest.mark.parametrize("pause_s", [0.0, 0.3, 0.6, 0.9])
@@ -176,11 +180,22 @@ def test_pings_that_get_no_answer_are_lost_and_the_next_is_sent(tmp_path: Path) 
     assert len(rows(run, "pings")) + lost == 50
 
 
-def test_a_lossy_link_costs_repetitions_and_no_command(tmp_path: Path) -> None:
-    with flight_in(tmp_path, radio={"loss": 0.05}) as flight:
+@KINDS
+@pytest.mark.parametrize("loss", [0.03, 0.1])
+def test_a_lossy_link_costs_repetitions_and_no_command(tmp_path: Path, firmware: str, loss: float) -> None:
+    with flight_in(tmp_path, crazyflie={"firmware": firmware}, radio={"loss": loss}) as flight:
         _, failure = flight.record([flight.ready.commands()], climbing(flight))
     assert failure is None
     assert {motors[0] for _, motors in flight.history} == {0, 10000, 20000}
+    assert not any(flight.motors)
+
+
+def test_a_run_of_events_alone_that_is_ended_keeps_its_rows(tmp_path: Path) -> None:
+    with flight_in(tmp_path) as flight:
+        flight.hardware.at(0.8, flight.hardware.request_end)
+        run, failure = flight.record([flight.ready.commands()], climbing(flight))
+    assert failure is None
+    assert run.header.state == "interrupted"
     assert not any(flight.motors)
 
 
@@ -302,15 +317,6 @@ def test_an_empty_packet_before_the_apps_hello_hides_no_app(tmp_path: Path) -> N
         assert pilot.end() == 0, pilot.err
     assert "app" in pilot.err
     assert any(any(motors) for _, motors in bench.history)
-
-
-@pytest.mark.parametrize("loss", [0.03, 0.1])
-def test_motors_are_driven_over_a_link_that_loses_packets(tmp_path: Path, loss: float) -> None:
-    with bench_in(tmp_path, radio={"loss": loss}) as bench:
-        pilot = bench.start("motors", "set", 20000, "--for", 0.3, "--yes")
-        assert pilot.end() == 0, pilot.err
-        assert any(any(motors) for _, motors in bench.history)
-        assert not any(bench.motors)
 
 
 def test_tables_are_those_that_cflib_reads_whatever_is_lost_and_are_kept(
