@@ -15,7 +15,7 @@ from cfid.records.rig_file import load_rig, new_rig_text
 from cfid.records.run import Run, read_run
 from cfid.sim.devices import SimulatedRig
 from cfid.sim.faults import CrazyflieFaults, LoadCellFaults
-from cfid.sim.netft import Address, Datagram
+from cfid.sim.netft import Address
 from cfid.sim.propulsion import STILL, Four
 from cfid.sim.truth import SimTruth
 from cfid.sim.virtual import Virtual
@@ -125,18 +125,22 @@ class Bench:
         Of the packets to the vehicle those pass for which `leaving` is true.
         """
         vehicle = self.rig.crazyflie
-        received, due = vehicle.received, vehicle.due
+        received, arrivals = vehicle.received, vehicle.arrivals
 
-        def disturbed(now_s: float) -> list[Datagram]:
-            packets = ((decode_packet(datagram), client) for datagram, client in due(now_s))
-            return [(encode_packet(sent), client) for packet, client in packets if packet for sent in arriving(packet)]
+        def disturbed(now_s: float) -> list[tuple[bytes, Address, float]]:
+            return [
+                (encode_packet(sent), client, arrived_s)
+                for datagram, client, arrived_s in arrivals(now_s)
+                if (packet := decode_packet(datagram))
+                for sent in arriving(packet)
+            ]
 
         def filtered(datagram: bytes, client: Address, now_s: float) -> None:
             packet = decode_packet(datagram)
             if packet is not None and leaving(packet):
                 received(datagram, client, now_s)
 
-        vehicle.due, vehicle.received = disturbed, filtered  # type: ignore[method-assign]
+        vehicle.arrivals, vehicle.received = disturbed, filtered  # type: ignore[method-assign]
 
     def packets(self) -> list[Packet]:
         """Return a list that takes the packets to the vehicle from now on."""

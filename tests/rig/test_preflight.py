@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
-from cfid.rig.sampling import Sampled
 
 from cfid.console.preflight import of_encoder
 from cfid.records.files import RIG_FILE, RUNS_FOLDER
