@@ -36,8 +36,8 @@ HEADING = "## The last night (`bash .ci/nightly`)\n"
 ENDED = "exit code"
 TIME_LIMIT = "none: ended at its time limit"
 FUZZ_CASES = 100_000  # of all readers
-# Tests that wait for swings more than they compute, with the number of workers. Only one such file runs at a time, ahead
-# of programs that compute: with two, devices answered too late.
+# Tests that wait for swings more than they compute, with the number of workers. Only one such file runs at a time,
+# ahead of programs that compute: with two, devices answered too late.
 WORKERS = {"test_guided_campaign.py": 2, "test_killed_runs.py": 0}
 _AHEAD = "-10"  # a value of `nice`
 _LOOK_S = 0.1
