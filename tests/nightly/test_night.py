@@ -114,7 +114,7 @@ def test_of_what_runs_against_a_clock_one_runs_at_a_time_ahead_of_what_computes(
 ) -> None:
     alone = "bash -c 'set -e; mkdir {folder}/alone; sleep 0.5; rmdir {folder}/alone; cat /proc/$$/autogroup' test_%s.py"
     beside = "bash -c 'until [ -e {folder}/alone ]; do sleep 0.02; done; cat /proc/$$/autogroup'"
-    commands = (alone % "preflight", alone % "motors_stop", beside)
+    commands = (alone % "guided_campaign", alone % "killed_runs", beside)
     monkeypatch.setitem(night.STAGES, "three", Stage(commands, "", "", 1.0, at_once=3))
 
     run_stage("three", tmp_path, small=True)
