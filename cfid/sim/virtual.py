@@ -247,9 +247,13 @@ class Virtual(Hardware):
         """Open a link to the simulated vehicle."""
         if uri != self._uri:
             raise DeviceError(f"{uri}: no vehicle is simulated there.")
-        client = (_CLIENT, 50000 + len(self._links))
+        client = (_CLIENT, 50000 + next(_numbers))
         self._links[client] = _VirtualLink(self, uri, client)
         return self._links[client]
+
+    def forget(self, client: Address) -> None:
+        """Deliver nothing more to a client whose link was closed."""
+        self._links.pop(client, None)
 
     def find_vehicle(self) -> str:
         """Return the simulated vehicle's address."""
@@ -260,7 +264,9 @@ class Virtual(Hardware):
         return address == self._box and self.rig.loadcell.alive(self.seconds())
 
     def send_packet(self, packet: Packet, client: Address) -> None:
-        """Send a packet to the vehicle."""
+        """Send a packet to the vehicle, whose earlier answers are those of the client before."""
+        if len(self._links) > 1:
+            self.attend_vehicle()
         self.rig.crazyflie.received(encode_packet(packet), client, self.seconds())
         self.attend_vehicle()
 
@@ -271,8 +277,8 @@ class Virtual(Hardware):
             for link in self._links.values():
                 link.fail()
         for datagram, client, arrived_s in vehicle.arrivals(now_s):
-            if client in self._links:
-                self._links[client].deliver(datagram, arrived_s)
+            if client in self._links:  # a program that stood still finds packets that came meanwhile at its end
+                self._links[client].deliver(datagram, max(arrived_s, now_s - _ATTEND_S))
         if self._next_packet is not None and self._next_packet.active():
             self._next_packet.cancel()
         next_s = vehicle.next_s(now_s)
@@ -406,6 +412,7 @@ class _VirtualLink(Link):
 
     def close(self) -> None:
         self._closed, self._wake = True, lambda: None
+        self._hardware.forget(self._client)
 
     def deliver(self, datagram: bytes, arrived_s: float) -> None:
         packet = decode_packet(datagram)

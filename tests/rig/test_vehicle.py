@@ -325,10 +325,10 @@ def test_tables_are_those_that_cflib_reads_whatever_is_lost_and_are_kept(
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     draw = random.Random(5)
     with bench_in(tmp_path) as bench:
-        received, due = bench.rig.crazyflie.received, bench.rig.crazyflie.due
+        received, arrivals = bench.rig.crazyflie.received, bench.rig.crazyflie.arrivals
 
         def read(passes: Callable[[Packet], bool]) -> Link:
-            bench.rig.crazyflie.received, bench.rig.crazyflie.due = received, due  # type: ignore[method-assign]
+            bench.rig.crazyflie.received, bench.rig.crazyflie.arrivals = received, arrivals  # type: ignore[method-assign]
             bench.disturb(lambda packet: [packet] if passes(packet) else [], passes)
             link = connect(bench.uri, bench.hardware).link
             link.close()
