@@ -42,7 +42,7 @@ from cfid.wire.e201 import PRODUCT
 _BOX: Address = ("192.0.2.9", 49152)  # in the network reserved for examples
 _CLIENT = "192.0.2.10"
 _ECHO = Packet(ECHO_PORT, ECHO_CHANNEL, encode_echo(0))
-_ECHO_EVERY_S = 0.1
+_ECHO_EVERY_S = 0.0973  # near a tenth of a second, and never in step with requests that are repeated at such times
 _ROUNDING_S = 1e-9
 _ATTEND_S = 0.004  # between looks at the vehicle, which steps each millisecond; its packets keep their times
 _numbers = itertools.count(1)

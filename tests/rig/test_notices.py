@@ -105,7 +105,7 @@ def test_at_a_terminal_n_ends_the_recording_and_a_script_goes_on(tmp_path: Path,
     operator, terminal = pty.openpty()
     with bench_in(tmp_path, battery={"kind": "lipo"}) as bench, os.fdopen(terminal, encoding="utf-8") as stdin:
         deafen(bench)
-        pilot = bench.start(*STAIRS, "--no-preflight", **({"stdin": stdin} if key else {}))
+        pilot = bench.start(*STAIRS, "--no-preflight", stdin=stdin if key else None)
         pilot.wait_until_said("no thrust is felt at command 20000")
         os.write(operator, key)
         assert pilot.end() == 0, pilot.err
