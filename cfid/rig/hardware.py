@@ -195,8 +195,11 @@ class Hardware(ABC):
         """Return the hidraw devices of a kind, which exist on Linux only."""
 
     @abstractmethod
-    def hid(self, path: str, receiver: Receiver, *, feature: bytes) -> SerialPort:
-        """Open a hidraw device after a feature report; each report is received as it is. Raises DeviceError."""
+    def hid(self, path: str, receiver: Receiver, *, usb_id: tuple[int, int], feature: bytes) -> SerialPort:
+        """Open a hidraw device after a feature report; each report is received as it is.
+
+        Raises DeviceError, which states how a user gets the permission for a device of this vendor and product.
+        """
 
     @abstractmethod
     def host(self, name: str) -> str:
@@ -316,11 +319,11 @@ class Real(Hardware):
 
         return hid_nodes(vendor, product)
 
-    def hid(self, path: str, receiver: Receiver, *, feature: bytes) -> SerialPort:
+    def hid(self, path: str, receiver: Receiver, *, usb_id: tuple[int, int], feature: bytes) -> SerialPort:
         """Open a hidraw device."""
         from cfid.rig.ports import HidPort
 
-        return HidPort(self, path, receiver, feature=feature)
+        return HidPort(self, path, receiver, usb_id=usb_id, feature=feature)
 
     def host(self, name: str) -> str:
         """Return the numeric address of a host."""

@@ -105,16 +105,20 @@ def hid_nodes(vendor: int, product: int, root: Path = Path("/")) -> list[str]:
 class HidPort:
     """An open hidraw device; each read of it returns a report."""
 
-    def __init__(self, hardware: Hardware, path: str, receiver: Receiver, *, feature: bytes) -> None:
+    def __init__(
+        self, hardware: Hardware, path: str, receiver: Receiver, *, usb_id: tuple[int, int], feature: bytes
+    ) -> None:
         """Open the device and send it a feature report. Raises DeviceError, for no permission with advice."""
         self._hardware, self._receiver = hardware, receiver
         try:
             self._handle = os.open(path, os.O_RDWR | os.O_NONBLOCK)
         except PermissionError:
+            vendor, product = usb_id
             raise DeviceError(
-                f'{path}: this user may not open it. Write the line SUBSYSTEM=="hidraw", TAG+="uaccess", '
-                'GROUP="dialout", MODE="0660" into /etc/udev/rules.d/60-hidraw.rules, then unplug the device and plug '
-                "it in again."
+                f'{path}: this user may not open it. Write the line SUBSYSTEM=="hidraw", '
+                f'ATTRS{{idVendor}}=="{vendor:04x}", ATTRS{{idProduct}}=="{product:04x}", TAG+="uaccess", '
+                'GROUP="dialout", MODE="0660" into /etc/udev/rules.d/60-cfid.rules, then unplug the device and plug it '
+                "in again."
             ) from None
         except OSError as error:
             raise DeviceError(f"{path}: {error.strerror}: unplug the device and plug it in again.") from None

@@ -402,7 +402,8 @@ class Ut372:
         """Open its USB bridge, or a serial port that it is wired to."""
         self._is_hid = Path(port).resolve().name.startswith("hidraw")
         if self._is_hid:
-            return hardware.hid(port, receiver, feature=ut372.SET_BAUD)
+            usb_id = ut372.USB_VENDOR, ut372.USB_PRODUCT
+            return hardware.hid(port, receiver, usb_id=usb_id, feature=ut372.SET_BAUD)
         return hardware.serial(port, receiver, baud=ut372.BAUD)
 
     def read(self, data: bytes) -> Iterable[tuple[float, ...]]:

@@ -219,7 +219,7 @@ class Virtual(Hardware):
         """Return those that are plugged in, whatever their kind."""
         return [path for path in self.ports if Path(path).name.startswith("hidraw")]
 
-    def hid(self, path: str, receiver: Receiver, *, feature: bytes) -> SerialPort:
+    def hid(self, path: str, receiver: Receiver, *, usb_id: tuple[int, int], feature: bytes) -> SerialPort:
         """Open a hidraw device."""
         return self.serial(path, receiver, baud=0)
 

@@ -239,7 +239,7 @@ def test_ports_run_at_their_instruments_speed(ends: tuple[int, str], parser: Row
 def test_a_hidraw_device_that_is_none_or_another_is_told(tmp_path: Path, name: str, word: str) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(DeviceError, match=word):
-        HidPort(Real(), str(tmp_path / name), Received(), feature=b"\0")
+        HidPort(Real(), str(tmp_path / name), Received(), usb_id=(0x1A86, 0xE008), feature=b"\0")
 
 
 def add_hidraw(root: Path, name: str, hid_id: str) -> None:
