@@ -107,6 +107,7 @@ def gyro(
     live = LiveLine(quiet=keep.quiet)
     with ExitStack() as held:
         ready = reach(vehicle, rig, held)
+        ready.refuse_driven()
         device = ready.inertial_log(log_ms or (_RADIO_MS if ready.uri.startswith("radio:") else _CABLE_MS))
         record("log gyro", plan, [device], live, keep, hardware=rig.hardware, judge=_JUDGES.get(plan.kind))
 

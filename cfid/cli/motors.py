@@ -112,8 +112,8 @@ def recover(*, vehicle: LinkOptions, campaign: CampaignFolder = None) -> None:
 
     Example: [bold]cfid motors recover[/bold]
     """
+    from cfid.rig.emergency import recover_vehicle
     from cfid.rig.hardware import present
-    from cfid.rig.stop import recover_vehicle
 
     setting = _setting(vehicle.uri, campaign)
     hardware = present()
@@ -130,8 +130,8 @@ def _held_beside(uri: str | None) -> list[str]:
 
 
 def _stop(uri: str, setting: "CrazyflieLink") -> None:
+    from cfid.rig.emergency import stop_vehicle
     from cfid.rig.hardware import present
-    from cfid.rig.stop import stop_vehicle
 
     stopped = stop_vehicle(uri, _ports(setting), present(), say=note)
     result(stopped_line(uri, stopped.after_s))

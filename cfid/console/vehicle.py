@@ -132,8 +132,8 @@ def confirm(
     `effort` states how long the motors turn and what that takes; `ring` calls the operator. Raises ConfigError without
     a confirmation, DeviceError where something else drives motors, and otherwise as `refuse` does.
     """
-    largest = refuse(vehicle, motors, commands)
     vehicle.refuse_driven()
+    largest = refuse(vehicle, motors, commands)
     if yes:
         return
     which = f"motor {motors[0]}" if len(motors) == 1 else f"motors {', '.join(map(str, motors))}"

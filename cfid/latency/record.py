@@ -30,6 +30,7 @@ def record_pings(
     live = LiveLine(quiet=keep.quiet)
     with ExitStack() as held:
         crazyflie = reach(vehicle, rig, held)
+        crazyflie.refuse_driven()
         plan = Plan(
             runs_folder=campaign.runs_folder,
             kind="ping",

@@ -6,7 +6,7 @@ from collections.abc import Awaitable, Callable, Mapping
 from twisted.internet.base import DelayedCall
 
 from cfid.errors import DeviceError, StopError
-from cfid.rig.motor_log import PowerSet, confirm_still, is_overridden
+from cfid.rig.motor_log import PowerSet, confirm_still, foreign_motion, is_overridden
 from cfid.rig.motors import STILL, STOPPED, Firmware, Four, Limits
 from cfid.rig.stop import MAY_BE_RUNNING
 from cfid.rig.supervisor import Supervisor
@@ -105,6 +105,12 @@ class AppMotors:
         played = [crest if request.motor in (motor, app.ALL_MOTORS_SINE) else 0 for motor in MOTORS]
         self._vehicle.expected = (STILL, played)
 
+    async def refuse_driven(self) -> None:
+        """Raise DeviceError after a sine that something else may have driven: it still drives the motors, or would."""
+        cause = await foreign_motion(self._vehicle, idle_thrust=self._limits.idle_thrust)
+        if cause:
+            raise DeviceError(f"{self._vehicle.uri}: {cause}.")
+
     def check(self) -> None:
         """Raise DeviceError when the app stopped the motors, or does not answer."""
         self._vehicle.check()
@@ -131,7 +137,7 @@ class AppMotors:
         Then make sure that nothing overrides the app, that a vehicle with idle thrust is disarmed, and that no motor
         runs for any other reason.
         """
-        self._stopped = True
+        self._stopped = self._vehicle.link.persists = True
         self._vehicle.ignore(self._ports.ping, PingChannel.ALIVE, self._take_state)
         began_s = self._vehicle.hardware.seconds()
         if self._next is not None and self._next.active():
@@ -158,7 +164,7 @@ class AppMotors:
             )
         await self._end_overriding()
         await self._end_idling()
-        await confirm_still(self._vehicle)
+        await confirm_still(self._vehicle, app_feeds=not self._limits.idle_thrust)
         return float(self._vehicle.hardware.seconds() - began_s)
 
     async def _end_overriding(self) -> None:

@@ -54,6 +54,7 @@ class Link(ABC):
         """Take the address; nothing has arrived yet."""
         self.uri = uri
         self.fault = ""
+        self.persists = False  # whether a link that failed still takes packets, as a stop has to be tried
         self.received_s = 0.0
         self.firmware_protocol = -1
         self.variables: Mapping[str, Variable] = {}
@@ -117,7 +118,7 @@ class _ThreadedLink(Link):
             thread.start()
 
     def send(self, packet: Packet) -> QueuedPacket:
-        if self.fault or self._closed:
+        if self._closed or (self.fault and not self.persists):
             raise DeviceError(self.fault or f"{self.uri}: the link is closed.")
         leaving = QueuedPacket(packet)
         try:

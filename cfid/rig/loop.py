@@ -21,6 +21,7 @@ _UNCATCHABLE = {"SIGKILL", "SIGSTOP"}
 _FAULTS = {"SIGSEGV", "SIGBUS", "SIGFPE", "SIGILL"}
 _HARMLESS = {"SIGCHLD", "SIGCLD", "SIGCONT", "SIGURG", "SIGWINCH", "SIGINFO"}
 _LEFT_ALONE = {int(getattr(signal, n)) for n in _UNCATCHABLE | _FAULTS | _HARMLESS if hasattr(signal, n)}
+_TYPED = {int(getattr(signal, name)) for name in ("SIGINT", "SIGQUIT") if hasattr(signal, name)}
 ENDING_SIGNALS = tuple(sorted(set(map(int, signal.valid_signals())) - _LEFT_ALONE))
 
 _FEWEST_PROCESSORS = 2  # for a loop that runs ahead of other programs
@@ -213,5 +214,12 @@ def signal_name(number: int) -> str:
 
 
 def _ending_signals() -> list[int]:
-    """Return the signals that request the end, except those that are ignored or handled outside Python."""
-    return [number for number in ENDING_SIGNALS if signal.getsignal(number) not in (signal.SIG_IGN, None)]
+    """Return the signals that request the end, except those that are ignored or handled outside Python.
+
+    A shell ignores Ctrl-C for what a script starts with `&`: an operator who presses it means these motors too.
+    """
+    return [
+        number
+        for number in ENDING_SIGNALS
+        if number in _TYPED or signal.getsignal(number) not in (signal.SIG_IGN, None)
+    ]

@@ -69,6 +69,7 @@ class StockMotors:
     async def stop(self) -> float:
         """Disable the parameters, set them to zero, and read them and what the motors do back."""
         self._stopped, self._vehicle.expected = True, None
+        self._vehicle.link.persists = True  # these motors run on without a link, which may be back in a moment
         began_s = self._vehicle.hardware.seconds()
         try:
             await self._parameters.clear()

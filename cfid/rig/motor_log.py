@@ -71,16 +71,21 @@ async def foreign_motion(vehicle: Vehicle, *, idle_thrust: int) -> str:
     return await _cause(vehicle, applied) if driven else ""
 
 
-async def confirm_still(vehicle: Vehicle) -> None:
+async def confirm_still(vehicle: Vehicle, *, app_feeds: bool = False) -> None:
     """Raise StopError unless the vehicle's log shows all four motors at zero for a while.
 
     A vehicle with a motor that still runs is disarmed first, which stops it, unless the parameters motorPowerSet drive
-    it; a brushed vehicle is ready again in a moment.
+    it; a brushed vehicle is ready again in a moment. Where the app feeds null setpoints for two seconds after its stop,
+    another client's setpoints drive motors in pulses that no look is sure to see, and then all the time: disarming ends
+    the feeding, so that the look sees what the operator will.
     """
+    disarming = encode_arming(arm=False, protocol=vehicle.link.firmware_protocol)
     try:
-        if not any(await _applied(vehicle)):
+        if app_feeds:
+            vehicle.link.send(disarming)
+        if not any(await _applied(vehicle, for_s=_READY_S if app_feeds else _LOOK_S)):
             return
-        vehicle.link.send(encode_arming(arm=False, protocol=vehicle.link.firmware_protocol))
+        vehicle.link.send(disarming)
         await vehicle.hardware.sleep(_READY_S)
         applied = await _applied(vehicle)
         cause = await _cause(vehicle, applied) if any(applied) else ""
@@ -123,13 +128,13 @@ async def is_overridden(vehicle: Vehicle) -> bool:
     return value != 0
 
 
-async def _applied(vehicle: Vehicle) -> list[float]:
+async def _applied(vehicle: Vehicle, *, for_s: float = _LOOK_S) -> list[float]:
     """Return the largest command of each motor in a short look: one that competes with the app's comes in pulses."""
     block = LogBlock(vehicle, APPLIED)
     largest = [0.0] * len(APPLIED)
     try:
         await block.start(_LOOK_MS)
-        end_s = vehicle.hardware.seconds() + _LOOK_S
+        end_s = vehicle.hardware.seconds() + for_s
         while vehicle.hardware.seconds() < end_s:
             row = await vehicle.next((LOG_PORT, LOG_DATA_CHANNEL), block.row, within_s=_ROW_S)
             if row is None:

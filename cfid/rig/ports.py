@@ -10,7 +10,7 @@ import termios
 import time
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import serial
 from serial.tools import list_ports
@@ -20,7 +20,9 @@ from twisted.internet.udp import Port
 from twisted.python.failure import Failure
 
 from cfid.errors import DeviceError
-from cfid.rig.hardware import Address, Hardware, Receiver, TakeDatagram
+
+if TYPE_CHECKING:
+    from cfid.rig.hardware import Address, Hardware, Receiver, TakeDatagram
 
 # pyserial's own error is an OSError; the error of a plug pulled while the port opens is not.
 _PORT_ERRORS = (OSError, termios.error)
@@ -51,7 +53,7 @@ class _ExclusivePort(SerialPort):
 class _Serial(Protocol):
     """An open serial port."""
 
-    def __init__(self, hardware: Any, path: str, receiver: Receiver, *, baud: int) -> None:
+    def __init__(self, hardware: Any, path: str, receiver: "Receiver", *, baud: int) -> None:
         self._receiver = receiver
         self._port = _ExclusivePort(self, path, hardware.loop, baudrate=baud)
 
@@ -68,7 +70,7 @@ class _Serial(Protocol):
         self._port.loseConnection()
 
 
-def open_serial(hardware: Hardware, path: str, receiver: Receiver, *, baud: int) -> _Serial:
+def open_serial(hardware: "Hardware", path: str, receiver: "Receiver", *, baud: int) -> _Serial:
     """Open a serial port. Raises DeviceError naming why it cannot be opened."""
     try:
         return _Serial(hardware, path, receiver, baud=baud)
@@ -106,7 +108,7 @@ class HidPort:
     """An open hidraw device; each read of it returns a report."""
 
     def __init__(
-        self, hardware: Hardware, path: str, receiver: Receiver, *, usb_id: tuple[int, int], feature: bytes
+        self, hardware: "Hardware", path: str, receiver: "Receiver", *, usb_id: tuple[int, int], feature: bytes
     ) -> None:
         """Open the device and send it a feature report. Raises DeviceError, for no permission with advice."""
         self._hardware, self._receiver = hardware, receiver
@@ -170,7 +172,7 @@ class HidPort:
 class StampedPort(Port):
     """A UDP port with a large receive buffer, the kernel's stamps, and few wake-ups."""
 
-    def __init__(self, loop: Any, address: Address, take: TakeDatagram) -> None:
+    def __init__(self, loop: Any, address: "Address", take: "TakeDatagram") -> None:
         """Take the address to talk to, and what takes the datagrams; `opened` opens it."""
         super().__init__(0, DatagramProtocol(), reactor=loop)
         self.buffer_bytes = self.overflowed = 0
@@ -180,7 +182,7 @@ class StampedPort(Port):
         self._unix_less_monotonic_s = time.time() - self._read_s
 
     @classmethod
-    def opened(cls, loop: Any, address: Address, take: TakeDatagram) -> "StampedPort":
+    def opened(cls, loop: Any, address: "Address", take: "TakeDatagram") -> "StampedPort":
         """Return an open port."""
         port = cls(loop, address, take)
         port.startListening()

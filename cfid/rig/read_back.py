@@ -40,12 +40,12 @@ def confirm_stop(uri: str, ports: AppPorts, hardware: Hardware, acknowledged: Ac
             acknowledged = stop_over(vehicle.link, ports, hardware)
             if not acknowledged.by_app:
                 raise StopError(f"{MAY_BE_RUNNING}: {uri}: the app did not confirm that the motors stopped.")
-        return ReadBack(kind, acknowledged, asked(vehicle, _confirmed))
+        return ReadBack(kind, acknowledged, asked(vehicle, lambda vehicle: _confirmed(vehicle, kind)))
     finally:
         vehicle.link.close()
 
 
-async def _confirmed(vehicle: Vehicle) -> VehicleState | None:
+async def _confirmed(vehicle: Vehicle, kind: Kind) -> VehicleState | None:
     """Return the vehicle's state once nothing drives its motors. Raises StopError when something still does."""
     if any(vehicle.link.parameter(name) is not None for name in OVERRIDES):
         try:
@@ -55,7 +55,7 @@ async def _confirmed(vehicle: Vehicle) -> VehicleState | None:
                 f"{MAY_BE_RUNNING}: the parameters motorPowerSet were not seen at zero. ({error})"
             ) from None
     state = await _disarmed(vehicle)
-    await confirm_still(vehicle)
+    await confirm_still(vehicle, app_feeds=kind == "app" and (state is None or state.arms_itself))
     return state
 
 

@@ -80,6 +80,7 @@ class Crossings(Instrument):
             raise DeviceError(
                 f"{self._vehicle.uri}: the sine {_outcome(done)}, after {counted(done.samples or 0, 'sample')}."
             )
+        await self._player.refuse_driven()  # any command up to the crest is one that a sine may have
         return done
 
     def take(self) -> Block:

@@ -267,7 +267,8 @@ class Virtual(Hardware):
         """Send a packet to the vehicle, whose earlier answers are those of the client before."""
         if len(self._links) > 1:
             self.attend_vehicle()
-        self.rig.crazyflie.received(encode_packet(packet), client, self.seconds())
+        if not self.rig.crazyflie.closed(self.seconds()):
+            self.rig.crazyflie.received(encode_packet(packet), client, self.seconds())
         self.attend_vehicle()
 
     def attend_vehicle(self) -> None:
@@ -390,7 +391,7 @@ class _VirtualLink(Link):
         self._echo()
 
     def send(self, packet: Packet) -> QueuedPacket:
-        if self.fault or self._closed:
+        if self._closed or (self.fault and not self.persists):
             raise DeviceError(self.fault or f"{self.uri}: the link is closed.")
         queued = QueuedPacket(packet)
         queued.at_s = self._hardware.seconds()

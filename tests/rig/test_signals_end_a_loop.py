@@ -155,6 +155,25 @@ say(signal.getsignal(signal.SIGHUP) == signal.SIG_IGN)
     assert said(process) == ["SIGTERM", "True"]
 
 
+@pytest.mark.parametrize("name", ["SIGINT", "SIGQUIT"])
+def test_a_key_ends_a_program_that_a_script_started_in_the_background(name: str) -> None:
+    """A shell without job control starts it with both signals ignored."""
+    process = start(
+        f"""
+signal.signal(signal.{name}, signal.SIG_IGN)
+
+async def main(loop, ending):
+    say("ready")
+    await ending.within(20.0)
+    return ending.signal
+
+say(run_until_done(main))
+"""
+    )
+    process.send_signal(getattr(signal, name))
+    assert said(process) == [name]
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
 def test_a_signal_ends_a_program_whose_work_is_done_though_a_thread_keeps_it(number: signal.Signals) -> None:
     process = start(

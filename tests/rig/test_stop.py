@@ -17,10 +17,11 @@ import pytest
 from cfid.errors import DeviceError, StopError
 from cfid.records.files import RIG_FILE
 from cfid.records.run import list_runs
+from cfid.rig.emergency import stop_vehicle
 from cfid.rig.hardware import Hardware, Real
 from cfid.rig.link import Link, QueuedPacket, open_link
 from cfid.rig.lock import DeviceLock, find_holder
-from cfid.rig.stop import MAY_BE_RUNNING, stop_over, stop_vehicle
+from cfid.rig.stop import MAY_BE_RUNNING, stop_over
 from cfid.sim.supervisor import SupervisorState
 from cfid.wire.app import AppPorts, AppState, Flags, PingChannel, encode_state
 from cfid.wire.crtp import Packet, encode_set_by_name
