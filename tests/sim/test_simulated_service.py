@@ -2,6 +2,7 @@
 
 import re
 import socket
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -45,6 +46,7 @@ def test_both_instruments_watch_something_that_moves(
         for _ in range(300):
             port.write(b"!")
             readings += reader.feed(port.read_until(b"\r"))
+            time.sleep(1e-3)  # together half a period, wherever in its swing the body is
     in_reactor(served.close)
     words = decode_words(np.array([reading.position for reading in readings]))
 
