@@ -1,6 +1,7 @@
 """What every instrument of a recording is: it samples on its own, and its rows are taken in blocks."""
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -29,7 +30,7 @@ class Block(NamedTuple):
     status: str = ""
 
 
-class Instrument:
+class Instrument(ABC):
     """A device that samples on its own and keeps its rows until they are taken; it serves one recording.
 
     `record` is its description in run.toml. One that is `eventful` may have no rows; any other without rows is a fault.
@@ -41,18 +42,18 @@ class Instrument:
     eventful = False
     reading: Reading | None = None
 
+    @abstractmethod
     def start(self, hardware: Hardware) -> None:
         """Open its port and begin to sample. Raises DeviceError."""
-        raise NotImplementedError
 
+    @abstractmethod
     def take(self) -> Block:
         """Return the new rows. Raises DeviceError when no more data arrive."""
-        raise NotImplementedError
 
-    async def stop(self) -> None:
+    async def stop(self) -> None:  # noqa: B027 - many sample nothing that has to be ended
         """End the sampling and make sure that it ended; rows until then can still be taken."""
 
-    def close(self) -> None:
+    def close(self) -> None:  # noqa: B027 - a vehicle's instruments share a link that another closes
         """Release its port. May be called twice."""
 
     def facts(self) -> Mapping[str, Any]:

@@ -75,7 +75,7 @@ class Progress:
 
     @property
     def counts(self) -> Counts:
-        """What those who watch the run are told of the instrument."""
+        """The instrument's counts for the progress file and the live line."""
         return Counts(rows=self.rows, lost=None if self.lost is None else int(self.lost), rate_hz=self.rate_hz)
 
     @property

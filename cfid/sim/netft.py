@@ -4,6 +4,7 @@ import contextlib
 import math
 import socket
 import struct
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -462,7 +463,7 @@ class _Requests(DatagramProtocol):
         self._server.received(datagram, addr)
 
 
-class _Conversation(Stream):
+class _Conversation(Stream, ABC):
     """Questions and their answers, delayed when the box is slow; none from a box without power."""
 
     transport: Connection  # type: ignore[assignment]  # twisted declares only what every transport has
@@ -488,9 +489,9 @@ class _Conversation(Stream):
         else:
             self.transport.abortConnection()
 
+    @abstractmethod
     def _converse(self) -> None:
         """Answer what was received."""
-        raise NotImplementedError
 
 
 class _Pages(_Conversation):

@@ -3,6 +3,7 @@
 import contextlib
 import os
 import tty
+from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
@@ -50,7 +51,7 @@ class InOrder:
             self._send(self._replies.popleft()[1])
 
 
-class DevicePort:
+class DevicePort(ABC):
     """A device behind a serial port on any clock: its replies in order, its continuous output, its pulled plug."""
 
     def __init__(self, device: FaultyE201, *, clock: Any) -> None:
@@ -84,17 +85,17 @@ class DevicePort:
         if self._device.continuous and not was_continuous:
             self._after(_CONTINUOUS_EVERY_S, self._continue)
 
+    @abstractmethod
     def plug(self) -> None:
         """Connect the device to the host."""
-        raise NotImplementedError
 
+    @abstractmethod
     def unplug(self) -> None:
         """Disconnect it: a host that has it open sees a hang-up."""
-        raise NotImplementedError
 
+    @abstractmethod
     def write(self, reply: bytes) -> None:
         """Send a reply to the host, if it is connected."""
-        raise NotImplementedError
 
     def _pull(self) -> None:
         self._replies.drop()

@@ -120,7 +120,8 @@ class Virtual(Hardware):
         self._uri = f"sim://{number}"
         self._box = (f"192.0.2.9-{number}", _BOX[1])
         self.ports: dict[str, _VirtualPort] = {}
-        self.plug_in(f"/virtual/{number}/encoder", self.rig.encoder)
+        self._products: dict[str, str] = {}
+        self.plug_in(f"/virtual/{number}/encoder", self.rig.encoder, product=PRODUCT)
         if self.rig.loadcell_lines is not None:
             self.plug_in(f"/virtual/{number}/loadcell", self.rig.loadcell_lines)
         self.attend_vehicle()
@@ -129,10 +130,15 @@ class Virtual(Hardware):
         """Do something `seconds` from now: request an end, pull a plug, press a key."""
         self.time.callLater(seconds, call, *arguments)
 
-    def plug_in(self, path: str, device: FaultyE201) -> None:
-        """Plug another device in; one whose path names a hidraw device is opened as such."""
+    def plug_in(self, path: str, device: FaultyE201, *, product: str = "") -> None:
+        """Plug another device in, which has a name on USB; one whose path names a hidraw device is opened as such."""
+        self._products[path] = product
         self.ports[path] = _VirtualPort(device, self.time)
         self.ports[path].begin()
+
+    def move(self, path: str, to: str) -> None:
+        """Give the device at a path another one, as a system may when its plug is back."""
+        self.ports[to], self._products[to] = self.ports.pop(path), self._products.pop(path)
 
     def request_end(self, name: str = "SIGINT") -> None:
         """Request the end of the run under way, as a signal does."""
@@ -202,8 +208,9 @@ class Virtual(Hardware):
         return devices_at(where, rig.devices), True
 
     def serial_ports(self) -> list[PortInfo]:
-        """Return the encoder's port, while it is plugged in."""
-        return [PortInfo(path, PRODUCT) for path, port in list(self.ports.items())[:1] if port.is_plugged]
+        """Return the ports of the devices that have a name, while they are plugged in."""
+        named = [(path, product) for path, product in self._products.items() if product]
+        return [PortInfo(path, product) for path, product in named if self.ports[path].is_plugged]
 
     def has_port(self, path: str) -> bool:
         """Return whether a simulated device is at a path."""

@@ -17,7 +17,7 @@ from cfid.records.rig_file import EncoderPort
 from cfid.records.run import losses
 from cfid.rig.check import check_encoder
 from cfid.rig.encoder import find_encoder, ports_to_ask, ready_encoder, word_bits
-from cfid.rig.hardware import Hardware, PortInfo, Real
+from cfid.rig.hardware import Hardware, Real
 from cfid.rig.lock import DeviceLock
 from cfid.sim.e201 import E201Device, Reply
 from cfid.sim.faults import EncoderFaults, FaultyE201
@@ -284,7 +284,8 @@ def test_an_encoder_is_found_again_at_another_port_and_that_port_is_locked(lab: 
     other = f"{lab.port}-again"
 
     def put_elsewhere() -> None:
-        lab.hardware.ports = {other: lab.hardware.ports[lab.port], lab.port: lab.hardware.ports[lab.port]}
+        lab.hardware.move(lab.port, other)
+        lab.port = other
         lab.put_plug_back()
 
     lab.hardware.at(2.0, lab.pull_plug)
@@ -406,40 +407,39 @@ def find(lab: Lab, port: str = "", **options: Any) -> Any:
     return lab.hardware.run(lambda _: find_encoder(lab.hardware, port, counts_per_turn=8192.0, **options))
 
 
-def plug_in(lab: Lab, paths: list[str], faults: EncoderFaults, monkeypatch: pytest.MonkeyPatch) -> list[E201Device]:
-    """Plug further interfaces in, before the one that is there; return them."""
+def plug_in(lab: Lab, paths: list[str], faults: EncoderFaults, product: str = PRODUCT) -> list[E201Device]:
+    """Plug further devices in, beside the one that is there; return them."""
     devices = [E201Device(lambda time_s: 0.0) for _ in paths]
     for path, device in zip(paths, devices, strict=True):
-        lab.hardware.plug_in(path, FaultyE201(device, faults, opened_s=0.0))
-    ports = [PortInfo(path, PRODUCT) for path in (*paths, lab.port)]
-    monkeypatch.setattr(lab.hardware, "serial_ports", lambda: [PortInfo("/dev/ttyACM0", "STM32"), *ports])
+        lab.hardware.plug_in(path, FaultyE201(device, faults, opened_s=0.0), product=product)
     return devices
 
 
-def test_only_ports_whose_device_names_itself_an_e201_are_asked(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
-    plug_in(lab, [], SILENT, monkeypatch)
+def test_only_ports_whose_device_names_itself_an_e201_are_asked(lab: Lab) -> None:
+    plug_in(lab, ["/virtual/board"], SILENT, "STM32")
 
     assert ports_to_ask(lab.hardware, "") == [lab.port]
     assert ports_to_ask(lab.hardware, "/dev/mine") == ["/dev/mine"]
 
 
-def test_an_encoder_is_told_from_another_by_its_serial_number(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
-    plug_in(lab, ["/virtual/other"], EncoderFaults(), monkeypatch)
+def test_an_encoder_is_told_from_another_by_its_serial_number(lab: Lab) -> None:
+    plug_in(lab, ["/virtual/other"], EncoderFaults())
 
-    assert find(lab).port == "/virtual/other"
+    assert find(lab).port == lab.port
     with pytest.raises(DeviceError) as caught:
         find(lab, serial_number="S00043")
     assert str(caught.value).count("S00043") == 2
 
 
-def test_many_ports_that_say_nothing_are_not_all_waited_for(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
-    plug_in(lab, [f"/virtual/{n}" for n in range(12)], SILENT, monkeypatch)
+def test_many_ports_that_say_nothing_are_not_all_waited_for(lab: Lab) -> None:
+    plug_in(lab, [f"/virtual/{n}" for n in range(12)], SILENT)
+    lab.pull_plug()
     begun_s = lab.hardware.seconds()
 
     with pytest.raises(DeviceError) as caught:
         find(lab)
     asked, left = (str(caught.value).count(words) for words in ("no answer", "not checked"))
-    assert asked + left == 13
+    assert asked + left == 12
     assert asked > 5
     assert lab.hardware.seconds() - begun_s < 5
 
@@ -451,8 +451,9 @@ def checked(port: str, hardware: Hardware) -> str:
     return answer.answer.removeprefix(f"{port}: ")
 
 
-def test_no_encoder_plugged_in_is_told(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(lab.hardware, "serial_ports", lambda: [PortInfo("/dev/ttyACM0", "STM32")])
+def test_no_encoder_plugged_in_is_told(lab: Lab) -> None:
+    plug_in(lab, ["/virtual/board"], SILENT, "STM32")
+    lab.pull_plug()
 
     assert "no serial port has the name E201" in checked("", lab.hardware)
 
