@@ -282,7 +282,7 @@ def recorded(
 @contextmanager
 def held_elsewhere(device: str) -> Iterator[int]:
     """Let another process hold a device; yield its number."""
-    code = "import sys; from cfid.rig.lock import DeviceLock; _ = DeviceLock.take(sys.argv[1]); print(); input()"
+    code = "import sys; from cfid.rig.lock import DeviceLock; _ = DeviceLock(sys.argv[1]); print(); input()"
     pipes: Any = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
     with subprocess.Popen([sys.executable, "-c", code, device], cwd=ROOT, **pipes) as process:
         assert process.stdin is not None

@@ -38,8 +38,8 @@ def encoder(
     Example: [bold]cfid log encoder --axis x --for 20[/bold]
     """
     from cfid.records.rig_file import EncoderPort, RigFacts
+    from cfid.rig.encoder import ready_encoder
     from cfid.rig.run import Plan
-    from cfid.rig.sensors import ready_encoder
     from cfid.swing.during import Release
 
     rig = rig_of(keep.campaign)
@@ -132,8 +132,8 @@ def loadcell(
 
     Example: [bold]cfid log loadcell --for 30 --note "empty mount"[/bold]
     """
+    from cfid.rig.loadcell import ready_loadcell
     from cfid.rig.run import Plan
-    from cfid.rig.sensors import ready_loadcell
 
     rig = rig_of(keep.campaign)
     campaign, devices, simulated = rig.campaign, rig.devices, rig.simulated

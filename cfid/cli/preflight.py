@@ -110,8 +110,9 @@ def _look(
     from cfid.console.preflight_lines import sends_lines
     from cfid.console.vehicle import reach
     from cfid.rig.check import DeviceAnswer
+    from cfid.rig.encoder import ready_encoder
+    from cfid.rig.loadcell import ready_loadcell
     from cfid.rig.run import sample
-    from cfid.rig.sensors import ready_encoder, ready_loadcell
 
     campaign, devices, hardware = rig.campaign, rig.devices, rig.hardware
     live = LiveLine(quiet=quiet)
@@ -140,7 +141,7 @@ def _look(
         text = "not measured: it takes a load cell that samples at 3.5 kHz or more"
         answers["rotors"] = [DeviceAnswer("balance", "ok", text)]
     elif crazyflie is not None and balance:
-        answers["rotors"] = _balances(crazyflie, loadcell.again(), sampled["crazyflie"], vehicle, live)
+        answers["rotors"] = _balances(crazyflie, loadcell, sampled["crazyflie"], vehicle, live)
 
 
 def _plan(experiment: Experiment) -> "list[Held]":

@@ -17,12 +17,12 @@ from cfid.motors.plan import LONGEST_WAIT_S, WAIT_S, StaircasePlan
 from cfid.motors.staircase.record import procedure_of
 from cfid.motors.typed import Expected, expected_of
 from cfid.records.run import Label
+from cfid.rig.hand_held import Readings, Scales, Ut372, find_ut372
 from cfid.rig.instrument import Instrument, Say
-from cfid.rig.readings import Readings
+from cfid.rig.loadcell import ready_loadcell
 from cfid.rig.ready_vehicle import ReadyVehicle
 from cfid.rig.run import Plan, Procedure
-from cfid.rig.sensors import ready_loadcell
-from cfid.rig.text_lines import HandHeld, Scales, Ut372, find_ut372, ready_lines
+from cfid.rig.text_lines import ready_lines
 
 _ROWS_A_SECOND = 200  # of the vehicle's log and the instruments together
 
@@ -59,7 +59,7 @@ def record_forces(
         effort = _effort(staircase, rig, rate_hz=cell.rate_hz + 1000 / log_ms)
 
         def looked_at() -> list[Instrument]:
-            return [loadcell.again(), crazyflie.usual_log(log_ms)]
+            return [loadcell, crazyflie.usual_log(log_ms)]
 
         refuse(crazyflie, staircase.motors, staircase.steps)
         effort += NOT_READ if vehicle.no_preflight else _quick(looked_at, staircase, rig, calm=calm)
@@ -102,7 +102,7 @@ def record_speed(
 
     def instrument(crazyflie: ReadyVehicle, held: ExitStack, say: Say) -> list[Instrument]:
         if tachometer == "ut372":
-            return [crazyflie.usual_log(log_ms), HandHeld(port or find_ut372(rig.hardware), Ut372())]
+            return [crazyflie.usual_log(log_ms), Ut372(port or find_ut372(rig.hardware))]
         if tachometer == "lines":
             sender = rig.devices.tachometer
             if sender is None:
@@ -153,7 +153,7 @@ def record_scales(
         log = crazyflie.usual_log(log_ms)
         if sender is not None:
             return [log, ready_lines("scales", sender, rig.hardware, held, say=say)]
-        return [log] if port is None else [log, HandHeld(port, Scales(baud))]
+        return [log] if port is None else [log, Scales(port, baud)]
 
     question = "grams at command {command}" if port is None and sender is None else None
     _record_readings(

@@ -134,7 +134,7 @@ def check_loadcell(setting: LoadCellBox | LoadCellLines, hardware: Hardware) -> 
         is_off = over_tcp.state == "fault" if settings is None else not settings.rdt_enabled
         if is_off:
             return found
-        with DeviceLock.take(where):
+        with DeviceLock(where):
             return [*found, *_udp(setting, hardware, settings, alive=over_tcp.state != "fault")]
     except DeviceError as error:  # another program took its lock just now
         return [*found, DeviceAnswer("RDT, UDP", "fault", str(error), "check again when nothing else uses the box")]
@@ -231,7 +231,7 @@ def check_lines(name: str, setting: LineDevice, hardware: Hardware) -> list[Devi
     try:
         if holder := holder_of(port):
             return [DeviceAnswer("port", "ok", f"{port} is held by {holder}", "skipped: the check would take lines")]
-        with DeviceLock.take(port):
+        with DeviceLock(port):
             return _listened(name, setting, hardware)
     except DeviceError as error:
         return [DeviceAnswer("port", "fault", str(error), f"plug it in, or set devices.{name}.port in rig.toml")]
@@ -347,7 +347,7 @@ def check_vehicle(setting: CrazyflieLink, platform: Platform, hardware: Hardware
     except DeviceError as error:
         return [DeviceAnswer("link", "warning", str(error))]
     try:
-        with DeviceLock.take(uri):
+        with DeviceLock(uri):
             return _vehicle_answers(connect(uri, hardware), setting, platform)
     except DeviceError as error:
         return [DeviceAnswer("link", "fault", str(error))]

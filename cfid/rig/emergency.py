@@ -54,7 +54,7 @@ def stop_vehicle(uri: str, ports: AppPorts, hardware: Hardware, *, say: Say) -> 
                 )  # until it ended, the holder may have sent another command
     with contextlib.ExitStack() as held:
         with contextlib.suppress(DeviceError):  # another holder is no reason to let motors run
-            held.enter_context(DeviceLock.take(uri))
+            held.enter_context(DeviceLock(uri))
         from cfid.rig.read_back import confirm_stop  # imports Twisted, which the motors need not wait for
 
         try:
@@ -140,7 +140,7 @@ def recover_vehicle(uri: str, ports: AppPorts, hardware: Hardware, *, say: Say) 
     What still drives its motors would turn them as soon as it may fly again, so that a stop comes first. Raises
     DeviceError for a vehicle that lies on its side, or that a recovery does not help, StopError when motors may run.
     """
-    with DeviceLock.take(uri):
+    with DeviceLock(uri):
         state = stop_vehicle(uri, ports, hardware, say=say).state
         if state is not None and Bits.CRASHED in state.bits:
             if Bits.TUMBLED in state.bits:

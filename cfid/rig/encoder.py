@@ -8,32 +8,22 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 from twisted.internet.base import DelayedCall
-from twisted.internet.defer import CancelledError, Deferred
 
 from cfid.errors import DeviceError
-from cfid.records.rig_file import EncoderPort
+from cfid.records.rig_file import EncoderLines, EncoderPort
 from cfid.records.run import DeviceRecord
 from cfid.rig.hardware import Hardware, SerialPort
-from cfid.rig.instrument import Block, Instrument, Say, Silence
-from cfid.rig.lock import PortLock, holder_of
-from cfid.rig.shown import degrees
+from cfid.rig.instrument import Block, PortInstrument, Say
+from cfid.rig.lock import DeviceLock, holder_of
+from cfid.rig.progress import degrees
+from cfid.rig.text_lines import TextLines, ready_lines
 from cfid.wire import e201
 from cfid.wire.rls import RLS_13BIT_IN_22, WORD_BITS, decode_words
 
 SLOWEST_REPLY_S = 0.05  # to a poll; one or two milliseconds are usual
 BAUD = 115200  # meaningless on USB
 
-_LATEST_S = 0.01  # largest delay of a poll by a busy computer, or by the system's queue before a port
-_NAME_S = 0.6  # longest delay of an answer: a name that has not come by then is lost, and requested again
-_SETTLE_S = 0.005  # after the name, in case it has a second line
 _LOOK_S = 0.005
-_ABSENT_S = 3.0
-_SEARCH_S = 0.5
-_FORMAT_SAMPLES = 50  # after which the words have another format if most fail their check
-
-_ANSWER_S, _DRAIN_S, _LONGEST_DRAIN_S = 0.5, 0.02, 0.3
-_LONGEST_INTERVIEW_S = 4.0  # of all ports
-_TRIES = 3
 _WRAP = 1 << e201.STAMP_BITS
 
 
@@ -68,7 +58,7 @@ async def find_encoder(
             "devices.encoder.port in rig.toml, or `port`."
         )
     bits = word_bits(counts_per_turn) if configure else None
-    end_s, reasons = hardware.seconds() + _LONGEST_INTERVIEW_S, []
+    end_s, reasons = hardware.seconds() + 4.0, []
     for candidate in ports:
         try:
             found = await _identity(hardware, candidate, bits, end_s=end_s)
@@ -99,7 +89,7 @@ async def _identity(hardware: Hardware, port: str, expected_bits: int | None, *,
         version = await interview.version()
         bits = await interview.width(expected_bits) or e201.WIDEST_WORD
         command, reading = await interview.position(bits)
-        timed = [await interview.timed(command) for _ in range(_TRIES)]
+        timed = [await interview.timed(command) for _ in range(3)]
         reply_s = min(seconds for seconds, _ in timed)
         if reply_s > SLOWEST_REPLY_S:
             raise DeviceError(
@@ -188,10 +178,10 @@ class _Interview:
             raise DeviceError(
                 f"{self._port}: not checked, the other ports took too long: set devices.encoder.port in rig.toml."
             )
-        end_s = self._hardware.seconds() + _LONGEST_DRAIN_S
+        end_s = self._hardware.seconds() + 0.3
         while True:
             self._received = b""
-            await self._hardware.sleep(_DRAIN_S)
+            await self._hardware.sleep(0.02)
             if not self._received:
                 break
             if self._hardware.seconds() > end_s:
@@ -199,7 +189,7 @@ class _Interview:
         self._line.write(command)
 
     async def _reply(self) -> bytes:
-        end_s = self._hardware.seconds() + _ANSWER_S
+        end_s = self._hardware.seconds() + 0.5
         while b"\r" not in self._received and self._hardware.seconds() < end_s:
             await self._hardware.sleep(_LOOK_S)
         return self._received.partition(b"\r")[0].strip()
@@ -214,15 +204,17 @@ def _text(reply: bytes) -> str:
 
 
 def ready_encoder(
-    setting: EncoderPort, hardware: Hardware, held: ExitStack, *, counts_per_turn: float | str, say: Say
-) -> "Encoder":
-    """Find and lock the encoder. Raises DeviceError."""
+    setting: EncoderPort | EncoderLines, hardware: Hardware, held: ExitStack, *, counts_per_turn: float | str, say: Say
+) -> "Encoder | TextLines":
+    """Find and lock the encoder, of whichever kind. Raises ConfigError or DeviceError."""
+    if isinstance(setting, EncoderLines):
+        return ready_lines("encoder", setting, hardware, held, say=say, counts_per_turn=counts_per_turn)
     found = hardware.run(lambda _: find_encoder(hardware, setting.port, counts_per_turn=counts_per_turn))
-    lock = held.enter_context(PortLock(found.port))
+    lock = held.enter_context(DeviceLock(found.port))
     return Encoder(found, setting, lock, counts_per_turn=counts_per_turn, say=say)
 
 
-class Encoder(Instrument):
+class Encoder(PortInstrument):
     """An E201 that is polled at a rate: one poll after the other, since an answer does not identify its poll.
 
     Answers come in the order of the questions. So after a poll without an answer, or with a doubtful one, the device's
@@ -234,10 +226,11 @@ class Encoder(Instrument):
     name = "encoder"
 
     def __init__(
-        self, found: FoundPort, setting: EncoderPort, lock: PortLock, *, counts_per_turn: float | str, say: Say
+        self, found: FoundPort, setting: EncoderPort, lock: DeviceLock, *, counts_per_turn: float | str, say: Say
     ) -> None:
         """Take the interface that was found and locked, and how to sample it."""
-        self._found, self._port_setting, self._lock, self._say = found, setting.port, lock, say
+        super().__init__(found.port, say=say, patient=True)
+        self._found, self._port_setting, self._lock = found, setting.port, lock
         self._counts_per_turn, self._period_s = counts_per_turn, 1 / setting.rate_hz
         self._is_checked = counts_per_turn == RLS_13BIT_IN_22
         self.record = DeviceRecord.model_validate(
@@ -252,10 +245,15 @@ class Encoder(Instrument):
         )
         self.reading = degrees(counts_per_turn)
         self._command = e201.STAMPED_POSITION if found.stamped else e201.POSITION
-        self._reader = e201.PositionReader(word_bits=found.word_bits, stamped=found.stamped)
-        self._port: SerialPort | None = None
+
+    @property
+    def _shown(self) -> str:
+        return f"the encoder {self._found.serial_number}"
+
+    def start(self, hardware: Hardware) -> None:
+        """Open the port and begin to poll."""
+        self._reader = e201.PositionReader(word_bits=self._found.word_bits, stamped=self._found.stamped)
         self._timer: DelayedCall | None = None  # the next poll, or the end of the wait for an answer
-        self._searching: Deferred[None] | None = None
         self._polled_s: float | None = None  # when the poll was sent that waits for its answer
         self._place = 0  # of that poll, or the last one, on the grid
         self._polls = self._answered = self._skipped = self._passed = self._late = self._unsolicited = 0
@@ -263,16 +261,13 @@ class Encoder(Instrument):
         self._readings: list[e201.EncoderReading] = []
         self._last_us: int | None = None
         self._taken = self._failed_check = self._counted = 0
-        self._gone_s: float | None = None
-        self._is_resyncing = self._stopped = False
-
-    def start(self, hardware: Hardware) -> None:
-        """Open the port and begin to poll."""
-        self._hardware = hardware
-        self._silence = Silence(hardware, period_s=self._period_s)
-        self._port = hardware.serial(self._found.port, self, baud=BAUD)
+        self._is_resyncing = False
+        self._begin(hardware, period_s=self._period_s)
         self._begun_s = hardware.seconds()
         self._poll()
+
+    def _open(self) -> SerialPort:
+        return self._hardware.serial(self._where, self, baud=BAUD)
 
     def received(self, data: bytes) -> None:
         """Take the bytes that the port received."""
@@ -282,7 +277,7 @@ class Encoder(Instrument):
         if self._is_resyncing:
             self._late += len(readings)
             if self._reader.names > names:
-                self._wait(_SETTLE_S, self._poll_next)
+                self._wait(0.005, self._poll_next)  # the name may have a second line
         elif self._polled_s is not None and len(readings) == 1 and is_clean and self._is_prompt(self._polled_s):
             self._keep(readings[0])
         elif readings or not is_clean:
@@ -291,21 +286,15 @@ class Encoder(Instrument):
 
     def disconnected(self) -> None:
         """Note that the plug was pulled, and look for the interface until it is back."""
-        self._port = None
-        if self._stopped or self._gone_s is not None:
-            return
+        super().disconnected()
         self._cancel()
         self._polled_s = None
-        self._gone_s = self._hardware.seconds()
-        self._say(f"{self._found.port}: unplugged; waiting for the encoder {self._found.serial_number} to come back")
-        self._searching = Deferred.fromCoroutine(self._search())
-        self._searching.addErrback(lambda failure: failure.trap(CancelledError))
 
     def take(self) -> Block:
         """Return the new rows. Raises DeviceError when a plugged-in encoder is silent."""
         if not self._readings:
             self._check_silence()
-            return self.no_rows(self._newly_lost())
+            return self.block((), self._newly_lost())
         times_s, readings = np.array(self._times_s), self._readings
         self._times_s, self._readings = [], []
         phi = np.array([reading.position for reading in readings], dtype=np.int64)
@@ -319,28 +308,15 @@ class Encoder(Instrument):
 
     async def stop(self) -> None:
         """End the polling, and take the answer that is on its way. Raises DeviceError when the encoder is gone."""
-        self._stopped = True
-        if self._searching is not None:
-            self._searching.cancel()
+        await super().stop()
         end_s = self._hardware.seconds() + SLOWEST_REPLY_S
         while self._polled_s is not None and self._port is not None and self._hardware.seconds() < end_s:
             await self._hardware.sleep(_LOOK_S)
         self._cancel()
-        self._silence.end("silent at the end" if self._gone_s is None else "unplugged")
+        self._end_silence()
         if self._is_resyncing or self._gone_s is not None:
             self._advance(answered=False)
-        if self._gone_s is not None:
-            raise DeviceError(
-                f"{self._found.port}: unplugged {self._hardware.seconds() - self._gone_s:.0f} s before the end, and "
-                "not plugged in again."
-            )
-
-    def close(self) -> None:
-        """Close the port."""
-        self._stopped = True
-        if self._port is not None:
-            port, self._port = self._port, None
-            port.close()
+        self._refuse_gone()
 
     def facts(self) -> Mapping[str, Any]:
         """Return the numbers of polls and of skipped ones, losses by kind, and gaps."""
@@ -371,7 +347,7 @@ class Encoder(Instrument):
         self._polled_s, self._is_resyncing = None, True
         if self._port is not None and not self._stopped:
             self._port.write(e201.VERSION)
-            self._wait(_NAME_S, self._resync)
+            self._wait(0.6, self._resync)  # a name that has not come by then is lost
 
     def _keep(self, reading: e201.EncoderReading) -> None:
         """Keep an answer, and poll at the next grid point."""
@@ -394,7 +370,8 @@ class Encoder(Instrument):
 
     def _advance(self, *, answered: bool) -> None:
         """Go to the next grid point that is not too old; those between are skipped, after a poll in vain lost."""
-        late_s = self._hardware.seconds() - self._begun_s - max(self._period_s, _LATEST_S)
+        # A busy computer, or the system's queue before a port, delays a poll by ten milliseconds at most.
+        late_s = self._hardware.seconds() - self._begun_s - max(self._period_s, 0.01)
         place = max(self._place + 1, math.ceil(late_s / self._period_s))
         missed = place - self._place - 1
         self._skipped += missed if answered else 0
@@ -420,7 +397,7 @@ class Encoder(Instrument):
         return np.asarray(continued)
 
     def _check_silence(self) -> None:
-        if self._gone_s is None and not self._stopped and self._silence.exceeds(_ABSENT_S):
+        if self._gone_s is None and not self._stopped and self._silence.exceeds(3.0):
             late = f" (its answers take longer than {1e3 * SLOWEST_REPLY_S:.0f} ms)" if self._late else ""
             raise DeviceError(
                 f"{self._found.port}: the encoder's interface sent no position for {self._silence.seconds:.0f} s, "
@@ -434,30 +411,24 @@ class Encoder(Instrument):
         return newly
 
     def _wrong_format(self) -> str:
-        if self._taken < _FORMAT_SAMPLES or self._failed_check < self._taken / 2:
+        if self._taken < 50 or self._failed_check < self._taken / 2:
             return ""
         return (
             f"{self._found.port}: {self._failed_check} of {self._taken} words fail the check of a 13-bit position in "
             "22 bits: another encoder or word width. Set encoder.counts_per_turn in rig.toml to its counts per turn."
         )
 
-    async def _search(self) -> None:
-        """Look for the interface until it is back, perhaps on another port, which is then locked instead."""
-        while self._gone_s is not None:
-            await self._hardware.sleep(_SEARCH_S)
-            try:
-                self._found = await find_encoder(
-                    self._hardware,
-                    self._port_setting,
-                    counts_per_turn=self._counts_per_turn,
-                    serial_number=self._found.serial_number,
-                )
-                self._lock.move(self._found.port)
-                self._port = self._hardware.serial(self._found.port, self, baud=BAUD)
-            except DeviceError:
-                continue
-            self._say(f"{self._found.port}: the encoder is back after {self._hardware.seconds() - self._gone_s:.1f} s")
-            self._gone_s = None
-            self._reader.forget()
-            self._silence.end("unplugged")
-            self._poll_next()
+    async def _reopen(self) -> SerialPort:
+        self._found = await find_encoder(
+            self._hardware,
+            self._port_setting,
+            counts_per_turn=self._counts_per_turn,
+            serial_number=self._found.serial_number,
+        )
+        self._where = self._found.port
+        self._lock.move(self._where)
+        return self._open()
+
+    def _go_on(self) -> None:
+        self._reader.forget()
+        self._poll_next()

@@ -7,14 +7,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from twisted.internet.defer import CancelledError, Deferred
 
+from cfid.errors import DeviceError
 from cfid.records.run import DeviceRecord
-from cfid.rig.hardware import Hardware
+from cfid.rig.hardware import Hardware, SerialPort
 from cfid.rig.progress import Reading
 
 Say = Callable[[str], None]
 
-_PAUSE_S, _PERIODS = 0.25, 4  # without data, which is a gap; at a slow rate, so many periods
+_PERIODS = 4  # without data, which are no gap at any rate
 
 
 class Block(NamedTuple):
@@ -31,16 +33,19 @@ class Block(NamedTuple):
 
 
 class Instrument(ABC):
-    """A device that samples on its own and keeps its rows until they are taken; it serves one recording.
+    """A device that samples on its own and keeps its rows until they are taken; it serves one recording at a time.
 
     `record` is its description in run.toml. One that is `eventful` may have no rows; any other without rows is a fault.
-    `reading` is what the live line shows of it.
+    `reading` is what the live line shows of it. It is `whole` once it has recorded all that a procedure requested, so
+    that the run may end.
     """
 
     name: str
     record: DeviceRecord
     eventful = False
     reading: Reading | None = None
+    whole = False
+    _hardware: Hardware
 
     @abstractmethod
     def start(self, hardware: Hardware) -> None:
@@ -65,14 +70,14 @@ class Instrument(ABC):
         """Whether it has shown that it works, so that motors may start."""
         return True
 
-    @property
-    def whole(self) -> bool:
-        """Whether it has recorded all that a procedure requested, so that the run may end."""
-        return False
-
-    def no_rows(self, lost: int | None = 0, *, fault: str = "", status: str = "") -> Block:
-        """Return a block without rows."""
-        return Block(tuple(np.empty(0) for _ in self.record.columns), lost, fault, status)
+    def block(
+        self, rows: Sequence[tuple[Any, ...]] = (), lost: int | None = 0, *, fault: str = "", status: str = ""
+    ) -> Block:
+        """Return rows, each of which begins with its time on the monotonic clock, as a block."""
+        if not rows:
+            return Block(tuple(np.empty(0) for _ in self.record.columns), lost, fault, status)
+        times_s, *values = (np.array(column) for column in zip(*rows, strict=True))
+        return Block((self._hardware.clock.unix_s(times_s), *values), lost, fault, status)
 
 
 class Silence:
@@ -102,7 +107,7 @@ class Silence:
         """
         now_s = self._hardware.seconds()
         first_s = min(first_s, now_s)
-        was_gap = first_s - self.received_s > max(_PAUSE_S, _PERIODS * self._period_s)
+        was_gap = first_s - self.received_s > max(0.25, _PERIODS * self._period_s)
         if was_gap and reason:
             begin_s, end_s = self._hardware.clock.unix_s(np.array([self.received_s, first_s])).tolist()
             stood_s = now_s - self.received_s - self.seconds
@@ -110,3 +115,88 @@ class Silence:
             self.gaps.append({"from_s": begin_s, "to_s": end_s, "reason": reason, **stood})
         self.received_s, self._awake_s = now_s, self._hardware.awake_s()
         return was_gap
+
+
+class PortInstrument(Instrument):
+    """An instrument on a port of its own. A `patient` one whose plug was pulled is looked for until it is back."""
+
+    def __init__(self, where: str, *, say: Say = lambda _: None, patient: bool) -> None:
+        """Take the port's path; nothing is opened yet."""
+        self._where, self._say, self._patient = where, say, patient
+        self._port: SerialPort | None = None
+
+    def _begin(self, hardware: Hardware, *, period_s: float) -> None:
+        """Open the port for a recording, and listen to a device that sends at this period. Raises DeviceError."""
+        self._hardware = hardware
+        self._silence = Silence(hardware, period_s=period_s)
+        self._gone_s: float | None = None
+        self._searching: Deferred[None] | None = None
+        self._stopped = False
+        self._port = self._open()
+
+    @abstractmethod
+    def _open(self) -> SerialPort:
+        """Open the port. Raises DeviceError."""
+
+    @abstractmethod
+    def received(self, data: bytes) -> None:
+        """Take the bytes that the port received."""
+
+    async def _reopen(self) -> SerialPort:
+        """Open the port again, perhaps another one, after its lock has moved there. Raises DeviceError."""
+        raise NotImplementedError
+
+    def _go_on(self) -> None:
+        """Continue on the port that is back."""
+
+    def disconnected(self) -> None:
+        """Note that the plug was pulled, and look for the device until it is back."""
+        self._port = None
+        if self._stopped or self._gone_s is not None:
+            return
+        self._gone_s = self._hardware.seconds()
+        if self._patient:
+            self._say(f"{self._where}: unplugged; waiting for {self._shown} to come back")
+            self._searching = Deferred.fromCoroutine(self._search())
+            self._searching.addErrback(lambda failure: failure.trap(CancelledError))
+
+    @property
+    def _shown(self) -> str:
+        return f"the {self.name}"
+
+    async def _search(self) -> None:
+        while self._gone_s is not None:
+            await self._hardware.sleep(0.5)
+            try:
+                self._port = await self._reopen()
+            except DeviceError:
+                continue
+            gone_s, self._gone_s = self._hardware.seconds() - self._gone_s, None
+            self._say(f"{self._where}: the {self.name} is back after {gone_s:.1f} s")
+            self._silence.end("unplugged" if self.begun else "")
+            self._go_on()
+
+    async def stop(self) -> None:
+        """Expect nothing more of the device."""
+        self._stopped = True
+        if self._searching is not None:
+            self._searching.cancel()
+
+    def _end_silence(self) -> bool:
+        """Note a silence at the end, and return whether there is one; nothing is missed before the first data."""
+        return self.begun and self._silence.end("silent at the end" if self._gone_s is None else "unplugged")
+
+    def _refuse_gone(self) -> None:
+        """Raise DeviceError where the device is gone at the end."""
+        if self._gone_s is not None and self._patient:
+            raise DeviceError(
+                f"{self._where}: unplugged {self._hardware.seconds() - self._gone_s:.0f} s before the end, and not "
+                "plugged in again."
+            )
+
+    def close(self) -> None:
+        """Close the port."""
+        self._stopped = True
+        if self._port is not None:
+            port, self._port = self._port, None
+            port.close()

@@ -7,14 +7,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cfid.errors import DeviceError
-from cfid.records.rig_file import LoadCellBox
+from cfid.errors import ConfigError, DeviceError
+from cfid.records.rig_file import LoadCellBox, LoadCellLines
 from cfid.records.run import DeviceRecord
 from cfid.rig.clock import Array, SampleClock
 from cfid.rig.hardware import Address, DatagramPort, Hardware
 from cfid.rig.instrument import Block, Instrument, Say, Silence
 from cfid.rig.lock import DeviceLock
-from cfid.rig.shown import vertical_force
+from cfid.rig.progress import vertical_force
+from cfid.rig.text_lines import TextLines, ready_lines
 from cfid.wire import netft, rdt
 from cfid.wire.rdt_order import RecordOrder
 from cfid.wire.rdt_status import read_status
@@ -132,7 +133,7 @@ def _page(box: LoadCellBox, hardware: Hardware, path: str) -> str:
 
 
 def ready_loadcell(
-    box: LoadCellBox,
+    setting: LoadCellBox | LoadCellLines,
     hardware: Hardware,
     held: ExitStack,
     *,
@@ -140,11 +141,18 @@ def ready_loadcell(
     bias: bool = False,
     say: Say,
     patient: bool = True,
-) -> "LoadCell":
-    """Lock the load cell's box, set its rate and read its settings. Raises DeviceError."""
-    box = resolved(box, hardware)
+) -> "LoadCell | TextLines":
+    """Lock the load cell, of whichever kind, set a box' rate and read its settings.
+
+    Without `patient` the run ends as its stream breaks off. Raises ConfigError or DeviceError.
+    """
+    if isinstance(setting, LoadCellLines):
+        if bias:
+            raise ConfigError("`bias`: only a Net F/T box has a bias; fits take the zero from pauses.")
+        return ready_lines("loadcell", setting, hardware, held, say=say, patient=patient)
+    box = resolved(setting, hardware)
     where = f"{box.address}:{box.rdt_port}"
-    held.enter_context(DeviceLock.take(where))
+    held.enter_context(DeviceLock(where))
     if bias and not hardware.run(lambda _: take_bias(box, hardware)):
         say(f"{where}: the box' page still shows the earlier bias. Check that the load reads zero now.")
     return LoadCell(
@@ -195,9 +203,9 @@ class LoadCell(Instrument):
     ) -> None:
         """Take the box, locked, and its settings as read."""
         self._address = (box.address, box.rdt_port)
-        self._box, self._settings, self._biased = box, settings, biased
+        self._settings = settings
         self._where = f"{box.address}:{box.rdt_port}"
-        self._buffered, self._patient, self._say = buffered, patient, say
+        self._patient, self._say = patient, say
         self._command = rdt.Command.BUFFERED if buffered else rdt.Command.REAL_TIME
         self.record = DeviceRecord.model_validate(
             {
@@ -213,33 +221,20 @@ class LoadCell(Instrument):
             }
         )
         self.reading = vertical_force(settings.counts_per_n)
-        self._inbox = Inbox(self._address)
-        self._order = RecordOrder()
-        self._samples: SampleClock | None = None  # once the step of the count is known
-        self._rate_hz = float(settings.rate_hz)
-        self._last_ft: int | None = None
-        self._last_s = -np.inf
-        self._is_first = True  # of the records since the last request
-        self._missing = self._counted = 0
-        self._warned: set[str] = set()
-        self._is_streaming = self._is_given_up = False
-        self._requested_s = 0.0
         self._datagram_s = (settings.buffer_size if buffered else 1) / settings.rate_hz
-
-    def again(self) -> "LoadCell":
-        """Return the same load cell for another recording."""
-        return LoadCell(
-            self._box,
-            self._settings,
-            buffered=self._buffered,
-            biased=self._biased,
-            say=self._say,
-            patient=self._patient,
-        )
 
     def start(self, hardware: Hardware) -> None:
         """Open a port and request the stream."""
         self._hardware = hardware
+        self._inbox = Inbox(self._address)
+        self._order = RecordOrder()
+        self._samples: SampleClock | None = None  # once the step of the count is known
+        self._rate_hz = float(self._settings.rate_hz)
+        self._last_ft: int | None = None
+        self._last_s = -np.inf
+        self._missing = self._counted = 0
+        self._warned: set[str] = set()
+        self._is_given_up = False
         self._silence = Silence(hardware, period_s=self._datagram_s)
         self._port: DatagramPort = hardware.datagrams(self._address, self._inbox.add)
         if self._port.buffer_bytes < RECEIVE_BUFFER_BYTES:
@@ -258,7 +253,7 @@ class LoadCell(Instrument):
         records = self._order.take(every)
         if not len(records):
             self._check_silence()
-            return self.no_rows(self._newly_lost())
+            return self.block((), self._newly_lost())
         assert self._order.step is not None  # once records were taken
         if self._samples is None:
             ticks_per_s = _ticks_per_s(self._rate_hz, self._order.step)

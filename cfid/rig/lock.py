@@ -199,17 +199,16 @@ def _user_name(user: int) -> str:
 class DeviceLock:
     """A device held by this process until it is released, or the process ends in whatever way."""
 
-    def __init__(self, bound: socket.socket | None) -> None:
-        """Take over a bound socket; `take` makes one."""
-        self._socket = bound
+    def __init__(self, device: str) -> None:
+        """Hold a device, named by its address or port in any spelling. Raises DeviceError naming the holder."""
+        self._socket, self._device = _bound(device), resolved(device)
 
-    @classmethod
-    def take(cls, device: str) -> Self:
-        """Hold a device, named by its address or port in any spelling.
-
-        Raises DeviceError naming the holder.
-        """
-        return cls(_bound(device))
+    def move(self, device: str) -> None:
+        """Hold another device instead, as where a plug comes back as another port. Raises DeviceError as the first."""
+        if resolved(device) != self._device:
+            bound = _bound(device)
+            self.release()
+            self._socket, self._device = bound, resolved(device)
 
     def release(self) -> None:
         """Release the device."""
@@ -224,22 +223,6 @@ class DeviceLock:
     def __exit__(self, *_: object) -> None:
         """Release the device on leaving the context."""
         self.release()
-
-
-class PortLock(DeviceLock):
-    """The lock of a port, which moves with a device whose plug comes back as another port."""
-
-    def __init__(self, port: str) -> None:
-        """Hold a port. Raises DeviceError naming the holder."""
-        super().__init__(_bound(port))
-        self._port = resolved(port)
-
-    def move(self, port: str) -> None:
-        """Hold another port instead. Raises DeviceError, and then still holds the first."""
-        if resolved(port) != self._port:
-            bound = _bound(port)
-            self.release()
-            self._socket, self._port = bound, resolved(port)
 
 
 def _bound(device: str) -> socket.socket | None:

@@ -9,7 +9,6 @@ relaxes the setpoint first.
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
 from twisted.internet.defer import Deferred
 
 from cfid.errors import DeviceError, StopError
@@ -88,10 +87,7 @@ class StockMotors:
 
 
 class MotorCommands(Instrument):
-    """Commands of all four motors, a row for each change, with the time at which the accepted request was sent.
-
-    `is_whole` is set once all requested commands have been held, and the run may end.
-    """
+    """Commands of all four motors, a row for each change, with the time at which the accepted request was sent."""
 
     name = "commands"
     columns = ("t", "m1", "m2", "m3", "m4")
@@ -101,16 +97,10 @@ class MotorCommands(Instrument):
         """Take motors that stand still."""
         self.record = record
         self._motors = motors
-        self._rows: list[tuple[float, Four]] = []
+        self._rows: list[tuple[float, ...]] = []
         self._commands: Four | None = None  # the last that were set; None: unknown
         self._running = False
         self._stopped_in_s: float | None = None
-        self.is_whole = False
-
-    @property
-    def whole(self) -> bool:
-        """Whether all requested commands have been held, and the run may end."""
-        return self.is_whole
 
     def start(self, hardware: Hardware) -> None:
         """Begin to monitor the motors."""
@@ -131,10 +121,7 @@ class MotorCommands(Instrument):
         if self._running:
             self._motors.check()
         rows, self._rows = self._rows, []
-        if not rows:
-            return self.no_rows()
-        times_s = self._hardware.clock.unix_s(np.array([time_s for time_s, _ in rows]))
-        return Block((times_s, *np.array([commands for _, commands in rows]).T))
+        return self.block(rows)
 
     async def stop(self) -> None:
         """Stop the motors. Raises DeviceError when it is not certain that they stopped."""
@@ -150,7 +137,7 @@ class MotorCommands(Instrument):
 
     def _note(self, sent_s: float, commands: Four) -> None:
         self._commands = commands
-        self._rows.append((sent_s, commands))
+        self._rows.append((sent_s, *commands))
 
 
 def four(command: int, motors: Sequence[int]) -> Four:

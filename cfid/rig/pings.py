@@ -3,8 +3,6 @@
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
 from cfid.records.run import DeviceRecord
 from cfid.rig.hardware import Hardware
 from cfid.rig.instrument import Block, Instrument
@@ -27,7 +25,7 @@ class Pings(Instrument):
         self.record = record
         self._vehicle, self._firmware = vehicle, firmware
         self.sent = self._lost = 0
-        self._rows: list[tuple[float, float, int]] = []
+        self._rows: list[tuple[float, ...]] = []
 
     @staticmethod
     def columns_of(firmware: Firmware) -> tuple[str, ...]:
@@ -59,19 +57,14 @@ class Pings(Instrument):
             self._lost += 1
             return None
         sent_s, arrived_s = times_s
-        self._rows.append((sent_s, arrived_s - sent_s, vehicle_us[0] if vehicle_us else 0))
+        self._rows.append((sent_s, round(arrived_s - sent_s, 7), *vehicle_us[:1]))
         return arrived_s - sent_s
 
     def take(self) -> Block:
         """Return the round trips since the last call."""
         lost, self._lost = self._lost, 0
         rows, self._rows = self._rows, []
-        if not rows:
-            return self.no_rows(lost)
-        sent_s, rtt_s, vehicle_us = map(np.array, zip(*rows, strict=True))
-        return Block(
-            (self._hardware.clock.unix_s(sent_s), np.round(rtt_s, 7), vehicle_us)[: len(self.record.columns)], lost
-        )
+        return self.block(rows, lost)
 
     def facts(self) -> Mapping[str, Any]:
         """Return how many pings were sent."""

@@ -1,5 +1,6 @@
-"""What the live line knows of each instrument: rows, rate, losses, silence, and the values that an operator reads."""
+"""What the live line knows and shows of each instrument, in widths that do not change from row to row."""
 
+import math
 from collections import deque
 from collections.abc import Callable
 from statistics import median
@@ -8,13 +9,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from cfid.records.progress import Counts
+from cfid.wire.rls import turns_of
 
 if TYPE_CHECKING:
     from cfid.rig.instrument import Block
 
-_SHOWN_POINTS = 40
 _RATE_BLOCKS = 20  # over which the rate is averaged
-_SILENT_S, _USUAL_PAUSES = 0.5, 4  # without a row, and this many usual pauses: the values shown are then old
 
 
 class Progress:
@@ -38,7 +38,7 @@ class Progress:
         self.silent_s = 0.0
         self._received_s: float | None = None
         self._rows_at_rest = 0
-        self.trace: deque[float] = deque(maxlen=_SHOWN_POINTS)
+        self.trace: deque[float] = deque(maxlen=40)
         self._blocks: deque[tuple[float, int]] = deque(maxlen=_RATE_BLOCKS)
         self._pauses: deque[float] = deque(maxlen=_RATE_BLOCKS)  # between blocks with rows
 
@@ -71,7 +71,7 @@ class Progress:
             self._received_s = now_s
         silent_s = now_s - self._received_s
         usual_s = median(self._pauses) if self._pauses else 0.0
-        self.silent_s = silent_s if silent_s > max(_SILENT_S, _USUAL_PAUSES * usual_s) else 0.0
+        self.silent_s = silent_s if silent_s > max(0.5, 4 * usual_s) else 0.0  # the values shown are then old
 
     @property
     def counts(self) -> Counts:
@@ -96,3 +96,47 @@ class Reading(NamedTuple):
     def of(self, progress: Progress) -> str:
         """Return the number as text."""
         return self.form.format(self.value(progress))
+
+
+def degrees(counts_per_turn: float | str) -> Reading:
+    """Return the angle of an encoder's latest row from its first, when a pendulum hangs still, within half a turn.
+
+    The encoder's own zero may lie anywhere.
+    """
+
+    def angle(encoder: Progress) -> float:
+        latest, first = turns_of(np.array([encoder.latest[0], encoder.first[0]]), counts_per_turn).turns
+        return float((360 * (latest - first) + 180) % 360 - 180)
+
+    return Reading(angle, "{:z6.1f} deg")
+
+
+def vertical_force(counts_per_n: float) -> Reading:
+    """Return a load cell's vertical force, above its tare where there is one."""
+    return Reading(lambda cell: 1e3 * _above_tare(cell, 2) / counts_per_n, "Fz {:z4.0f} mN")
+
+
+def first_force(name: str) -> Reading:
+    """Return the first force or torque of a load cell that sends lines, above its tare where there is one."""
+    unit = "mN" if name.startswith("F") else "mNm"
+    return Reading(lambda cell: 1e3 * _above_tare(cell, 0), f"{name} {{:z5.0f}} {unit}")
+
+
+def displayed(unit: str) -> Reading:
+    """Return the number that a hand-held instrument showed last."""
+    return Reading(lambda instrument: instrument.latest[0], f"{{:6.0f}} {unit}")
+
+
+def turning() -> Reading:
+    """Return the rate of rotation in the latest row of the inertial log."""
+    return Reading(lambda gyro: math.hypot(*gyro.latest[1:4]), "{:5.0f} deg/s")
+
+
+def volts(place: int) -> Reading:
+    """Return the battery's voltage, which has a given place in the vehicle's log."""
+    return Reading(lambda vehicle: vehicle.latest[place], "{:.2f} V")
+
+
+def _above_tare(cell: Progress, place: int) -> float:
+    """Return the last block's mean less the tare: a mean, since a motor's vibration is larger than most loads."""
+    return cell.mean[place] - (cell.tare[place] if cell.tare else 0.0)

@@ -16,8 +16,7 @@ from cfid.rig.motor_commands import MotorCommands, StockMotors
 from cfid.rig.motor_log import APPLIED, foreign_motion
 from cfid.rig.motors import Firmware, Limits, firmware_of
 from cfid.rig.pings import Pings
-from cfid.rig.progress import Reading
-from cfid.rig.shown import turning, volts
+from cfid.rig.progress import Reading, turning, volts
 from cfid.rig.sine import Crossings
 from cfid.rig.supervisor import Supervisor, SupervisorLog, present_state
 from cfid.rig.tables import connect
@@ -174,7 +173,7 @@ class ReadyVehicle:
 def connect_vehicle(setting: CrazyflieLink, hardware: Hardware, held: ExitStack) -> ReadyVehicle:
     """Find and lock the vehicle, connect, and find out its firmware and state. Raises DeviceError."""
     uri = setting.uri or hardware.find_vehicle()
-    held.enter_context(DeviceLock.take(uri))
+    held.enter_context(DeviceLock(uri))
     vehicle = connect(uri, hardware)
     held.callback(vehicle.link.close)
     ports = AppPorts(setting.thrust_port, setting.sine_port, setting.ping_port)

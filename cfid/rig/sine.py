@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
 from twisted.internet.defer import Deferred
 
 from cfid.counted import counted
@@ -15,7 +14,7 @@ from cfid.rig.instrument import Block, Instrument
 from cfid.rig.motors import STOPPED, Firmware
 from cfid.rig.vehicle import Vehicle
 from cfid.wire import app
-from cfid.wire.app import AppOutcome, Crossing, Done, SineChannel, SineRequest
+from cfid.wire.app import AppOutcome, Done, SineChannel, SineRequest
 
 _FIRST_REPORT_S = 1.0  # within which the report of the first sample comes
 _DONE_AFTER_S = 1.0  # from the motors' stop to the byte that reports the end (C.2.4)
@@ -42,7 +41,7 @@ class Crossings(Instrument):
         """Take the app's motors, which can play."""
         self.record = record
         self._player, self._vehicle, self._port = player, vehicle, firmware.ports.sine
-        self._reports: list[tuple[float, Crossing]] = []
+        self._reports: list[tuple[float, ...]] = []
         self._next_report = self._missing = self._duplicates = 0
         self._rejected = self._samples = 0
         self._done: Deferred[Done] | None = None
@@ -89,11 +88,7 @@ class Crossings(Instrument):
             self._player.check()
         reports, self._reports = self._reports, []
         missing, self._missing = self._missing, 0
-        if not reports:
-            return self.no_rows(missing)
-        times_s = self._hardware.clock.unix_s(np.array([arrived_s for arrived_s, _ in reports]))
-        values = np.array([report for _, report in reports], dtype=np.int64)
-        return Block((times_s, *values.T), missing)
+        return self.block(reports, missing)
 
     async def stop(self) -> None:
         """Stop the motors. Raises DeviceError when it is not certain that they stopped."""
@@ -133,7 +128,7 @@ class Crossings(Instrument):
             self._duplicates += 1
             return
         self._missing, self._next_report = self._missing + missing, crossing.number + 1
-        self._reports.append((arrived_s, crossing))
+        self._reports.append((arrived_s, *crossing))
         if crossing.sample != self._samples:
             return
         self._ended = True

@@ -208,7 +208,7 @@ class SupervisorLog(Instrument):
         """Take the supervisor of a vehicle."""
         self.record = record
         self._supervisor, self._vehicle = supervisor, vehicle
-        self._rows: list[tuple[float, VehicleState]] = []
+        self._rows: list[tuple[float, int]] = []
         self._states: list[VehicleState] = []
         self._next: DelayedCall | None = None
         self._unanswered = 0  # polls, which a suspended program does not send
@@ -223,12 +223,8 @@ class SupervisorLog(Instrument):
     def take(self) -> Block:
         """Return the changes, with a fault for a state that ends a run: locked, crashed, tumbled, deck fault, none."""
         rows, self._rows = self._rows, []
-        state, fault = self._supervisor.state, self._fault()
-        if not rows:
-            return self.no_rows(fault=fault, status=_status(state))
-        times_s = self._hardware.clock.unix_s(np.array([time_s for time_s, _ in rows]))
-        words = np.array([int(state.bits) for _, state in rows], dtype=np.int64)
-        return Block((times_s, words), fault=fault, status=_status(rows[-1][1]))
+        state = self._supervisor.state
+        return self.block(rows, fault=self._fault(), status="" if state is None else state.name)
 
     async def stop(self) -> None:
         """Read the state once more, since the motors' stop may have changed it, and stop polling."""
@@ -272,9 +268,4 @@ class SupervisorLog(Instrument):
         self._unanswered = 0
         if not self._states or state != self._states[-1]:
             self._states.append(state)
-            self._rows.append((arrived_s, state))
-
-
-def _status(state: VehicleState | None) -> str:
-    """Return how the live line shows a state."""
-    return "" if state is None else state.name
+            self._rows.append((arrived_s, int(state.bits)))

@@ -1,10 +1,8 @@
-"""Records devices that send text unprompted: lines with values, as rig.toml states them, scales, and a tachometer."""
+"""Records devices that send lines of text with values unprompted, as rig.toml states them."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
-from pathlib import Path
-from types import MappingProxyType
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -13,27 +11,15 @@ from cfid.counted import counted
 from cfid.errors import ConfigError, DeviceError
 from cfid.records.rig_file import EncoderLines, LineDevice
 from cfid.records.run import DeviceRecord
-from cfid.rig.hardware import Hardware, Receiver, SerialPort
-from cfid.rig.instrument import Block, Instrument, Say, Silence
-from cfid.rig.lock import PortLock
-from cfid.rig.progress import Reading
-from cfid.rig.shown import degrees, displayed, first_force
-from cfid.wire import ut372
+from cfid.rig.hardware import Hardware, SerialPort
+from cfid.rig.instrument import Block, PortInstrument, Say
+from cfid.rig.lock import DeviceLock
+from cfid.rig.progress import Reading, degrees, displayed, first_force
 from cfid.wire.lines import printable
-from cfid.wire.scales import ScalesReader
 
-_ABSENT_S = 5.0  # without a line: a board that restarts when its port is opened takes two seconds
-_BROKEN_S = 0.4  # without a line while motors run, after which they are stopped
-_SEARCH_S = 0.5
-_TICKS = 4  # fewest ticks of a device's clock in a period that show how many periods a step is
-_AHEAD_S = 2.0  # by which a clock may have advanced more than this computer's: a line that came late lies before
-_DOUBTS = 20  # lines in a row that do not continue the clock: the number is none
 _SLACK_S = 0.1  # by which a computer may delay the first line
 _UNLIKE = 0.01  # fraction of this computer's time by which a device's clock may deviate
-_TELLING_S = 2.0  # shortest recording that shows a clock's rate
 _WRAP = 1 << 32  # of a device's clock
-_SILENT_S = 10.0  # without a reading of an instrument that is held in a hand
-_SHOWN_BYTES = 30  # of unreadable data: a packet of the tachometer, or a line of scales
 
 
 def ready_lines(
@@ -49,7 +35,7 @@ def ready_lines(
     """Lock a device's port. Without `patient` the run ends as soon as its lines break off. Raises DeviceError."""
     if not hardware.has_port(setting.port):
         raise DeviceError(f"{setting.port}: no such port. Plug the {name} in, or set devices.{name}.port in rig.toml.")
-    lock = held.enter_context(PortLock(setting.port))
+    lock = held.enter_context(DeviceLock(setting.port))
     return TextLines(name, setting, lock, say=say, patient=patient, counts_per_turn=counts_per_turn)
 
 
@@ -60,7 +46,7 @@ class _Row(NamedTuple):
     numbers: tuple[float, ...]
 
 
-class TextLines(Instrument):
+class TextLines(PortInstrument):
     """A device that sends lines at a stated rate; a port that is gone is opened again when it is back.
 
     Lines are timed as they arrive. What is lost follows from the device's own clock where it sends one, else from the
@@ -71,24 +57,31 @@ class TextLines(Instrument):
         self,
         name: str,
         setting: LineDevice,
-        lock: PortLock,
+        lock: DeviceLock,
         *,
         say: Say,
         patient: bool = True,
         counts_per_turn: float | str = 1.0,
     ) -> None:
         """Take the device as rig.toml states it. Raises ConfigError for an angle whose counts per turn are unknown."""
+        super().__init__(setting.port, say=say, patient=patient)
         scale, self.reading = _shown_as(name, setting, counts_per_turn)
         self.name, self.eventful = name, name in ("tachometer", "scales")
         self.record = _record(name, setting, scale)
-        self._counts_per_turn = counts_per_turn
-        self._setting, self._lock, self._say, self._patient = setting, lock, say, patient
-        self._reader = setting.reader()
+        self._setting, self._lock = setting, lock
         self._names = [value.name for value in setting.in_order()]
         stamp = setting.stamp
         self._stamp_place = None if stamp is None else setting.in_order().index(stamp)
         self._tick_s = 0.0 if stamp is None else 1e-6 * setting.factor(stamp)
-        self._port: SerialPort | None = None
+
+    @property
+    def begun(self) -> bool:
+        """Whether a matching line has come."""
+        return self._last is not None
+
+    def start(self, hardware: Hardware) -> None:
+        """Open the port. Raises DeviceError naming why it cannot be opened."""
+        self._reader = self._setting.reader()
         self._rows: list[_Row] = []
         self._first: _Row | None = None
         self._last: _Row | None = None  # the latest that counts
@@ -98,30 +91,17 @@ class TextLines(Instrument):
         self._sent = 0.0  # lines after the first, by the device's clock, or by times of arrival and the stated rate
         self._clock_s = 0.0  # since the first row, by the device's clock or by times of arrival
         self._ticks = 0  # of the device's clock, unwrapped
-        self._gone_s: float | None = None
-        self._stopped = False
+        self._begin(hardware, period_s=1 / self._setting.rate_hz)
 
-    def again(self) -> "TextLines":
-        """Return the same device for another recording."""
-        return TextLines(
-            self.name,
-            self._setting,
-            self._lock,
-            say=self._say,
-            patient=self._patient,
-            counts_per_turn=self._counts_per_turn,
-        )
+    def _open(self) -> SerialPort:
+        return self._hardware.serial(self._where, self, baud=self._setting.baud)
 
-    @property
-    def begun(self) -> bool:
-        """Whether a matching line has come."""
-        return self._last is not None
+    async def _reopen(self) -> SerialPort:
+        self._lock.move(self._where)  # a link may lead to another port now
+        return self._open()
 
-    def start(self, hardware: Hardware) -> None:
-        """Open the port. Raises DeviceError naming why it cannot be opened."""
-        self._hardware = hardware
-        self._silence = Silence(hardware, period_s=1 / self._setting.rate_hz)
-        self._port = hardware.serial(self._setting.port, self, baud=self._setting.baud)
+    def _go_on(self) -> None:
+        self._reader.forget()
 
     def received(self, data: bytes) -> None:
         """Take the bytes that the port received."""
@@ -134,21 +114,11 @@ class TextLines(Instrument):
         for numbers in readings:
             self._take(_Row(now_s, numbers))
 
-    def disconnected(self) -> None:
-        """Note that the plug was pulled, and look for the port until it is back."""
-        self._port = None
-        if self._stopped or self._gone_s is not None:
-            return
-        self._gone_s = self._hardware.seconds()
-        if self._patient:
-            self._say(f"{self._setting.port}: unplugged; waiting for the {self.name} to come back")
-            self._hardware.later(_SEARCH_S, self._search)
-
     def take(self) -> Block:
         """Return the new rows. Raises DeviceError for a silent device, and for an unplugged one while motors run."""
         self._check()
         if not self._rows:
-            return self.no_rows(self._newly_lost())
+            return self.block((), self._newly_lost())
         rows, self._rows = self._rows, []
         numbers = dict(zip(self._names, zip(*(row.numbers for row in rows), strict=True), strict=True))
         setting = self._setting
@@ -163,24 +133,13 @@ class TextLines(Instrument):
 
     async def stop(self) -> None:
         """Expect no further line. Raises DeviceError when the device was gone."""
-        self._stopped = True
+        await super().stop()
         silent_s = self._silence.seconds
-        if self.begun and self._silence.end("silent at the end" if self._gone_s is None else "unplugged"):
+        if self._end_silence():
             self._sent += silent_s * self._setting.rate_hz
         for sentence in self._findings():
             self._say(sentence)
-        if self._gone_s is not None and self._patient:
-            raise DeviceError(
-                f"{self._setting.port}: unplugged {self._hardware.seconds() - self._gone_s:.0f} s before the end, and "
-                "not plugged in again."
-            )
-
-    def close(self) -> None:
-        """Close the port."""
-        self._stopped = True
-        if self._port is not None:
-            port, self._port = self._port, None
-            port.close()
+        self._refuse_gone()
 
     def facts(self) -> Mapping[str, Any]:
         """Return losses by kind, and gaps."""
@@ -219,7 +178,8 @@ class TextLines(Instrument):
             self._first = row
             return
         periods = step_s * self._setting.rate_hz
-        resolved = self._stamp_place is not None and _TICKS * self._tick_s * self._setting.rate_hz <= 1
+        # Four ticks of the device's clock in a period show how many periods a step is.
+        resolved = self._stamp_place is not None and 4 * self._tick_s * self._setting.rate_hz <= 1
         self._sent += round(periods) if resolved else periods
         self._clock_s += step_s
         self._kept += 1
@@ -233,7 +193,8 @@ class TextLines(Instrument):
             return elapsed_s
         ticks = round(row.numbers[self._stamp_place]) - round(before.numbers[self._stamp_place])
         step_s = self._tick_s * ((ticks + _WRAP // 2) % _WRAP - _WRAP // 2)
-        return step_s if 0 <= step_s < (1 + _UNLIKE) * elapsed_s + _AHEAD_S else None
+        # A clock may have advanced more than this computer's by two seconds, where a line that came late lies before.
+        return step_s if 0 <= step_s < (1 + _UNLIKE) * elapsed_s + 2.0 else None
 
     def _unwrapped(self, stamps: tuple[float, ...]) -> npt.NDArray[np.int64]:
         """Continue a 32-bit clock (n,)."""
@@ -276,43 +237,27 @@ class TextLines(Instrument):
             )
         elif self._stamp_place is not None and self._first is not None and self._last is not None:
             elapsed_s = self._last.received_s - self._first.received_s
-            if elapsed_s >= _TELLING_S and abs(self._clock_s - elapsed_s) > _UNLIKE * elapsed_s + _SLACK_S:
+            if elapsed_s >= 2.0 and abs(self._clock_s - elapsed_s) > _UNLIKE * elapsed_s + _SLACK_S:
                 yield (
                     f"the {name}'s clock, device_us, went {self._clock_s:.4g} s in {elapsed_s:.4g} s: it counts "
                     f"another unit, or stands. Correct it, or leave it out of devices.{name}.values: times are then "
                     "those of arrival."
                 )
 
-    def _search(self) -> None:
-        if self._stopped or self._gone_s is None:
-            return
-        try:
-            self._lock.move(self._setting.port)  # a link may lead to another port now
-            self._port = self._hardware.serial(self._setting.port, self, baud=self._setting.baud)
-        except DeviceError:
-            self._hardware.later(_SEARCH_S, self._search)
-            return
-        self._say(
-            f"{self._setting.port}: the {self.name} is back after {self._hardware.seconds() - self._gone_s:.1f} s"
-        )
-        self._silence.end("unplugged" if self.begun else "")
-        self._reader.forget()
-        self._gone_s = None
-
     def _check(self) -> None:
         if self._stopped:
             return
-        where = self._setting.port
-        if self._doubts > _DOUBTS:
+        if self._doubts > 20:  # in a row: the number is no clock
             raise DeviceError(
-                f"{where}: the {self.name}'s clock jumps in every line: is it a clock, in the stated unit, without "
-                f"commas? Correct it, or leave it out of devices.{self.name}.values."
+                f"{self._where}: the {self.name}'s clock jumps in every line: is it a clock, in the stated unit, "
+                f"without commas? Correct it, or leave it out of devices.{self.name}.values."
             )
         if self._gone_s is not None:
             if not self._patient:
-                raise DeviceError(f"{where}: the {self.name} was unplugged while motors run.")
+                raise DeviceError(f"{self._where}: the {self.name} was unplugged while motors run.")
             return
-        if not self._silence.exceeds(_ABSENT_S if self._patient or not self.begun else _BROKEN_S):
+        # A board that restarts when its port is opened takes two seconds; while motors run, they are stopped at once.
+        if not self._silence.exceeds(5.0 if self._patient or not self.begun else 0.4):
             return
         unread = ""
         if self._reader.rejected:
@@ -322,8 +267,8 @@ class TextLines(Instrument):
                 f"the last one '{printable(self._reader.last_rejected)}'{advice}."
             )
         raise DeviceError(
-            f"{where}: the {self.name} sent no line for {self._silence.seconds:.1f} s.{unread} `cfid rig check` looks "
-            "for the cause."
+            f"{self._where}: the {self.name} sent no line for {self._silence.seconds:.1f} s.{unread} `cfid rig check` "
+            "looks for the cause."
         )
 
 
@@ -345,7 +290,7 @@ def _shown_as(
     return {"counts_per_turn": counts_per_turn}, degrees(setting.turn(counts_per_turn))
 
 
-def _record(name: str, setting: LineDevice, scale: Mapping[str, object] = MappingProxyType({})) -> DeviceRecord:
+def _record(name: str, setting: LineDevice, scale: Mapping[str, object]) -> DeviceRecord:
     """Return a device's description in run.toml."""
     stated: dict[str, Any] = setting.model_dump(mode="json", exclude={"rate_hz", "kind"}, exclude_defaults=True)
     return DeviceRecord.model_validate(
@@ -358,187 +303,3 @@ def _record(name: str, setting: LineDevice, scale: Mapping[str, object] = Mappin
             "lines": stated,
         }
     )
-
-
-class RowParser(Protocol):
-    """Turns the bytes that an instrument sends unprompted, several times a second, into rows."""
-
-    name: str
-    columns: tuple[str, ...]  # of its rows, the time first
-    unit: str
-    stated: Mapping[str, object]  # what run.toml states of its port
-
-    def open(self, hardware: Hardware, port: str, receiver: Receiver) -> SerialPort:
-        """Open the instrument's port. Raises DeviceError."""
-
-    def read(self, data: bytes) -> Iterable[tuple[float, ...]]:
-        """Take bytes, and return the values of rows without their time."""
-
-    def explain(self) -> str:
-        """Return the likely cause when bytes arrive but no row does."""
-
-    def facts(self) -> Mapping[str, Any]:
-        """Return what goes into run.toml at the end."""
-
-
-class Ut372:
-    """Parses a UT372's packets. Rows are present speeds in revolutions per minute, not counts, holds or statistics.
-
-    A row's time is when its last byte arrived, a tenth of a second after the first.
-    """
-
-    name = "tachometer"
-    columns: tuple[str, ...] = ("t", "rpm")
-    unit = "rpm"
-    stated: Mapping[str, object] = MappingProxyType({})
-
-    def __init__(self) -> None:
-        """Start without data."""
-        self._reader = ut372.Ut372Reader()
-        self._set_aside = 0
-        self._shows_else = self._is_hid = False
-
-    def open(self, hardware: Hardware, port: str, receiver: Receiver) -> SerialPort:
-        """Open its USB bridge, or a serial port that it is wired to."""
-        self._is_hid = Path(port).resolve().name.startswith("hidraw")
-        if self._is_hid:
-            usb_id = ut372.USB_VENDOR, ut372.USB_PRODUCT
-            return hardware.hid(port, receiver, usb_id=usb_id, feature=ut372.SET_BAUD)
-        return hardware.serial(port, receiver, baud=ut372.BAUD)
-
-    def read(self, data: bytes) -> Iterable[tuple[float, ...]]:
-        """Return speeds, and count other readings without keeping them."""
-        serial = ut372.unpack_report(data) if self._is_hid else data
-        for reading in self._reader.feed(data if serial is None else serial):  # another device's report is unreadable
-            self._shows_else = reading.counted or reading.held or reading.statistic
-            self._set_aside += self._shows_else
-            if not self._shows_else:
-                yield (reading.number,)
-
-    def explain(self) -> str:
-        """Return which keys to press."""
-        if self._shows_else:
-            return "COUNT, HOLD, MAX, MIN or AVE is lit. Press its keys until only RPM is."
-        return f"its set-up menu is open, the port does not run at {ut372.BAUD} baud, or it is another device."
-
-    def facts(self) -> Mapping[str, Any]:
-        """Return how many packets were invalid, and how many showed something other than the present speed."""
-        return {"rejected": self._reader.rejected, "set_aside": self._set_aside}
-
-
-def find_ut372(hardware: Hardware) -> str:
-    """Return the hidraw device of the one UT372 that is plugged in. Raises DeviceError naming what was found."""
-    found = hardware.hid_nodes(ut372.USB_VENDOR, ut372.USB_PRODUCT)
-    if not found:
-        raise DeviceError(
-            f"no UT372 is plugged in: there is no USB device {ut372.USB_VENDOR:04x}:{ut372.USB_PRODUCT:04x} (the "
-            "search works on Linux only). Plug it in, switch it on, or set its port, or type what it shows."
-        )
-    if len(found) > 1:
-        raise DeviceError(
-            f"{len(found)} devices may be the UT372: {', '.join(found)}; multimeters have the same cable. "
-            "Set the tachometer's port, or unplug the others."
-        )
-    return found[0]
-
-
-class Scales:
-    """Parses the lines of scales; `stable` is 1 or 0, and -1 where a line does not state it."""
-
-    name = "scales"
-    columns: tuple[str, ...] = ("t", "grams", "stable")
-    unit = "g"
-
-    def __init__(self, baud: int) -> None:
-        """Take the speed of their port."""
-        self._reader = ScalesReader()
-        self._baud = baud
-        self.stated: Mapping[str, object] = {"baud": baud}
-
-    def open(self, hardware: Hardware, port: str, receiver: Receiver) -> SerialPort:
-        """Open their port."""
-        return hardware.serial(port, receiver, baud=self._baud)
-
-    def read(self, data: bytes) -> Iterable[tuple[float, ...]]:
-        """Return weights."""
-        for grams, stable in self._reader.feed(data):
-            yield grams, -1 if stable is None else int(stable)
-
-    def explain(self) -> str:
-        """Return which settings may differ."""
-        return "overload, another speed, frame (8N1) or unit (g, kg, mg, lb, oz) than expected, or another device."
-
-    def facts(self) -> Mapping[str, Any]:
-        """Return how many lines were invalid."""
-        return {"rejected": self._reader.rejected}
-
-
-class HandHeld(Instrument):
-    """An instrument that sends readings unprompted on a port of its own, at no stated rate."""
-
-    eventful = True
-
-    def __init__(self, port: str, parser: RowParser) -> None:
-        """Take a port and what reads its bytes; nothing is opened yet."""
-        self.name = parser.name
-        self.record = DeviceRecord.model_validate(
-            {"file": f"{parser.name}.csv", "columns": parser.columns, "port": port, **parser.stated}
-        )
-        self.reading = displayed(parser.unit)
-        self._where, self._parser = port, parser
-        self._rows: list[tuple[float, ...]] = []
-        self._port: SerialPort | None = None
-        self._unread = b""
-        self._unread_bytes = 0
-        self._gone = self._stopped = False
-
-    def start(self, hardware: Hardware) -> None:
-        """Open the port. Raises DeviceError naming why it cannot be opened."""
-        self._hardware = hardware
-        self._silence = Silence(hardware, period_s=_SILENT_S)
-        self._port = self._parser.open(hardware, self._where, self)
-
-    def received(self, data: bytes) -> None:
-        """Take the bytes that the port received."""
-        self._unread, self._unread_bytes = (self._unread + data)[-_SHOWN_BYTES:], self._unread_bytes + len(data)
-        for values in self._parser.read(data):
-            self._rows.append((self._hardware.seconds(), *values))
-            self._silence.end()
-            self._unread_bytes = 0
-
-    def disconnected(self) -> None:
-        """Note that the plug was pulled."""
-        self._gone = True
-
-    def take(self) -> Block:
-        """Return the new rows. Raises DeviceError after ten seconds without a reading, or a pulled plug."""
-        if not self._rows:
-            if not self._stopped:
-                self._check()
-            return self.no_rows(None)
-        rows, self._rows = self._rows, []
-        times_s, *values = (np.array(column) for column in zip(*rows, strict=True))
-        return Block((self._hardware.clock.unix_s(times_s), *values), None)
-
-    async def stop(self) -> None:
-        """Expect no further reading."""
-        self._stopped = True
-
-    def close(self) -> None:
-        """Close the port."""
-        if self._port is not None:
-            port, self._port = self._port, None
-            port.close()
-
-    def facts(self) -> Mapping[str, Any]:
-        """Return how many packets or lines held no reading."""
-        return self._parser.facts()
-
-    def _check(self) -> None:
-        if self._gone:
-            raise DeviceError(f"{self._where}: the {self.name} was unplugged: plug it in and start again.")
-        if self._silence.seconds >= _SILENT_S:
-            unread = f"{counted(self._unread_bytes, 'byte')} without a reading, {self._unread!r} the last: "
-            nothing = "nothing: it is off, not set to send continuously, or not on this port."
-            sent = unread + self._parser.explain() if self._unread_bytes else nothing
-            raise DeviceError(f"{self._where}: in {self._silence.seconds:.0f} s the {self.name} sent {sent}")

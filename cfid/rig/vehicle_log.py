@@ -70,7 +70,7 @@ class CrazyflieLog(Instrument):
         rows, self._rows = self._rows, []
         if not rows:
             self._watch()
-            return self.no_rows()
+            return self.block()
         times_s = self._hardware.clock.unix_s(np.array([arrived_s for arrived_s, _, _ in rows]))
         stamps_ms = np.array([stamp_ms for _, stamp_ms, _ in rows])
         values = zip(*(row for _, _, row in rows), strict=True)

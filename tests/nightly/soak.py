@@ -20,9 +20,10 @@ from cfid.console.campaign import make_campaign
 from cfid.records.files import RIG_FILE, RUNS_FOLDER
 from cfid.records.rig_file import load_rig
 from cfid.records.run import Label, Run, read_run
+from cfid.rig.encoder import ready_encoder
 from cfid.rig.instrument import Instrument
+from cfid.rig.loadcell import ready_loadcell
 from cfid.rig.run import Plan, record_run
-from cfid.rig.sensors import ready_encoder, ready_loadcell
 from cfid.rig.sim_file import SIM_FILE
 from cfid.sim.devices import SimulatedRig
 from cfid.sim.virtual import Virtual

@@ -28,11 +28,12 @@ from cfid.records.campaign import find_campaign
 from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import load_rig, new_rig_text
 from cfid.records.run import Label, Run, read_run
+from cfid.rig.encoder import ready_encoder
 from cfid.rig.hardware import Real
+from cfid.rig.loadcell import ready_loadcell
 from cfid.rig.lock import holder_of
 from cfid.rig.loop import Loop
 from cfid.rig.run import Plan, record_run
-from cfid.rig.sensors import ready_encoder, ready_loadcell
 from cfid.rig.sim_file import devices_in, published
 from cfid.sim.devices import SimulatedRig
 from cfid.sim.service import Addresses, ServedRig, devices_at

@@ -20,14 +20,14 @@ from cfid.console.recording import rig_of
 from cfid.errors import ConfigError, DeviceError
 from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import Devices, EncoderPort, Rig, load_rig, new_rig_text
-from cfid.rig.lock import DeviceLock, Holder, PortLock, find_holder, holder_of, vehicles_held, vehicles_locked
+from cfid.rig.lock import DeviceLock, Holder, find_holder, holder_of, vehicles_held, vehicles_locked
 from cfid.rig.sim_file import SIM_FILE, devices_in, published
 
 DEVICE = "192.0.2.1:49152"
 HOLD = """
 import sys
 from cfid.rig.lock import DeviceLock
-lock = DeviceLock.take(sys.argv[1])
+lock = DeviceLock(sys.argv[1])
 print("held", flush=True)
 sys.stdin.read()
 """
@@ -91,7 +91,7 @@ def test_the_second_is_told_who_holds_a_device_until_that_one_ends(number: signa
     with another_process(HOLD, DEVICE) as first:
         assert f"process {first.pid} " in holder_of(DEVICE)
         with pytest.raises(DeviceError, match=rf"^{DEVICE} is held by process {first.pid} "):
-            DeviceLock.take(DEVICE)
+            DeviceLock(DEVICE)
         assert holder_of("192.0.2.2:49152") == ""
         if number is None:
             first.communicate("")
@@ -99,7 +99,7 @@ def test_the_second_is_told_who_holds_a_device_until_that_one_ends(number: signa
             first.send_signal(number)
             first.wait(10)
         assert holder_of(DEVICE) == ""
-        DeviceLock.take(DEVICE).release()
+        DeviceLock(DEVICE).release()
 
 
 def test_looking_at_a_device_keeps_nobody_from_taking_it() -> None:
@@ -107,39 +107,39 @@ def test_looking_at_a_device_keeps_nobody_from_taking_it() -> None:
     for thread in looking:
         thread.start()
     for _ in range(100):
-        DeviceLock.take(DEVICE).release()
+        DeviceLock(DEVICE).release()
     for thread in looking:
         thread.join()
 
 
 def test_a_release_frees_the_device_and_may_come_twice() -> None:
-    lock = DeviceLock.take(DEVICE)
+    lock = DeviceLock(DEVICE)
     assert holder_of(DEVICE) == ""  # it is this process
     assert the_holder().process == os.getpid()
     with pytest.raises(DeviceError, match=f"process {os.getpid()} "):
-        DeviceLock.take(DEVICE)
+        DeviceLock(DEVICE)
     lock.release()
     lock.release()
-    with DeviceLock.take(DEVICE):
+    with DeviceLock(DEVICE):
         pass
 
 
 def test_a_lock_moves_with_a_plug_to_another_port() -> None:
-    with PortLock("/dev/ttyACM0") as lock, DeviceLock.take("/dev/ttyACM2"):
+    with DeviceLock("/dev/ttyACM0") as lock, DeviceLock("/dev/ttyACM2"):
         with pytest.raises(DeviceError, match="is held by"):
             lock.move("/dev/ttyACM2")
         with pytest.raises(DeviceError, match="is held by"):
-            DeviceLock.take("/dev/ttyACM0")
+            DeviceLock("/dev/ttyACM0")
         lock.move("/dev/ttyACM1")
-        DeviceLock.take("/dev/ttyACM0").release()
+        DeviceLock("/dev/ttyACM0").release()
         with pytest.raises(DeviceError, match="is held by"):
-            DeviceLock.take("/dev/ttyACM1")
+            DeviceLock("/dev/ttyACM1")
 
 
 def test_locks_of_different_sets_are_apart(monkeypatch: pytest.MonkeyPatch) -> None:
-    with DeviceLock.take(DEVICE):
+    with DeviceLock(DEVICE):
         monkeypatch.setenv("CFID_LOCKS", "another rig")
-        with DeviceLock.take(DEVICE):
+        with DeviceLock(DEVICE):
             pass
 
 
@@ -168,8 +168,8 @@ def test_locks_of_different_sets_are_apart(monkeypatch: pytest.MonkeyPatch) -> N
     ],
 )
 def test_two_spellings_of_an_address_are_one_device(one: str, other: str) -> None:
-    with DeviceLock.take(one), pytest.raises(DeviceError, match="is held by"):
-        DeviceLock.take(other)
+    with DeviceLock(one), pytest.raises(DeviceError, match="is held by"):
+        DeviceLock(other)
 
 
 @pytest.mark.parametrize(
@@ -185,20 +185,20 @@ def test_two_spellings_of_an_address_are_one_device(one: str, other: str) -> Non
     ],
 )
 def test_different_addresses_are_different_devices(one: str, other: str) -> None:
-    with DeviceLock.take(one), DeviceLock.take(other):
+    with DeviceLock(one), DeviceLock(other):
         pass
 
 
 def test_a_link_to_a_port_is_that_port(tmp_path: Path) -> None:
     (tmp_path / "encoder").symlink_to("/dev/null")
-    with DeviceLock.take("/dev/null"), pytest.raises(DeviceError, match="is held by"):
-        DeviceLock.take(str(tmp_path / "encoder"))
+    with DeviceLock("/dev/null"), pytest.raises(DeviceError, match="is held by"):
+        DeviceLock(str(tmp_path / "encoder"))
 
 
 def test_vehicles_are_listed_again_and_again_without_a_connection_to_their_holder() -> None:
     """A lock accepts no connection: connections that look for its holder stay in its queue, and fill it."""
     uri = "radio://0/80/2M/E7E7E7E701"
-    with another_process(HOLD, uri.lower()), DeviceLock.take("/dev/ttyACM0"), DeviceLock.take("usb://0"):
+    with another_process(HOLD, uri.lower()), DeviceLock("/dev/ttyACM0"), DeviceLock("usb://0"):
         for _ in range(2 * socket.SOMAXCONN):
             assert set(vehicles_locked()) == {uri, "usb://0"}
         assert vehicles_held() == [uri]
@@ -260,7 +260,7 @@ def test_a_holder_whose_queue_is_full_is_held_and_not_signalled() -> None:
                 asked.connect(f"\0{name_of(DEVICE)}")
         assert not the_holder().send(signal.SIGKILL)
         with pytest.raises(DeviceError, match="is held by"):
-            DeviceLock.take(DEVICE)
+            DeviceLock(DEVICE)
         assert first.poll() is None
 
 
@@ -272,7 +272,7 @@ def test_a_holder_whose_queue_is_full_is_held_and_not_signalled() -> None:
 def test_users_share_the_locks_of_one_another_and_cannot_be_signalled(user: str) -> None:
     with another_process(AS_ANOTHER_USER + HOLD, DEVICE, user) as first:
         with pytest.raises(DeviceError, match=rf"is held by process {first.pid} \(.*\) of "):
-            DeviceLock.take(DEVICE)
+            DeviceLock(DEVICE)
         assert not the_holder().send(signal.SIGTERM)
         assert first.poll() is None
 
@@ -286,7 +286,7 @@ print("held", flush=True)
 print(holder.process, holder.is_ours, holder.send(9), flush=True)
 sys.stdin.read()
 """
-    with DeviceLock.take(DEVICE), another_process(AS_ANOTHER_USER + body, DEVICE, "65534") as other:
+    with DeviceLock(DEVICE), another_process(AS_ANOTHER_USER + body, DEVICE, "65534") as other:
         assert other.stdout is not None
         assert other.stdout.readline() == f"{os.getpid()} False False\n"
 
@@ -303,12 +303,12 @@ def test_a_name_that_looks_like_a_line_of_the_kernels_leads_to_no_other_process(
 
 
 def test_a_name_that_somebody_took_without_listening_is_refused_at_once() -> None:
-    with DeviceLock.take(DEVICE):
+    with DeviceLock(DEVICE):
         name = name_of(DEVICE)
     with socket.socket(socket.AF_UNIX) as squatter:
         squatter.bind(f"\0{name}")
         with pytest.raises(DeviceError, match=f"{DEVICE} is held by another process"):
-            DeviceLock.take(DEVICE)
+            DeviceLock(DEVICE)
         assert find_holder(DEVICE) is None
 
 
@@ -318,7 +318,7 @@ def test_no_file_takes_part_in_a_lock(locks: Path) -> None:
     (locks / "192.0.2.1_49152").write_text("process 1 (cfid log)")
     locks.chmod(0)
     assert holder_of(DEVICE) == ""
-    DeviceLock.take(DEVICE).release()
+    DeviceLock(DEVICE).release()
     locks.chmod(0o700)
     assert [path.name for path in locks.iterdir()] == ["192.0.2.1_49152"]
 

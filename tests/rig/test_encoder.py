@@ -296,7 +296,7 @@ def test_an_encoder_is_found_again_at_another_port_and_that_port_is_locked(lab: 
         )
         _, error, _ = recorded(lab.hardware, lab.folder, encoder, for_s=4)
         with pytest.raises(DeviceError, match="held"):
-            DeviceLock.take(other)
+            DeviceLock(other)
 
     assert error is None
 

@@ -15,11 +15,10 @@ import pandas as pd
 import pytest
 
 from cfid.errors import DeviceError
+from cfid.rig.hand_held import HandHeld, Readings, Scales, Ut372, find_ut372
 from cfid.rig.hardware import Hardware, Real, Receiver, SerialPort
 from cfid.rig.loop import Ending
 from cfid.rig.ports import HidPort, hid_nodes
-from cfid.rig.readings import Readings
-from cfid.rig.text_lines import HandHeld, RowParser, Scales, Ut372, find_ut372
 from cfid.wire.ut372 import USB_PRODUCT, USB_VENDOR
 from tests.virtual_lab import STARTED_S, UNIX_S, Board, Lab, Recorded, recorded
 
@@ -36,13 +35,16 @@ def lab(tmp_path: Path) -> Lab:
     return Lab(tmp_path)
 
 
+scales = partial(Scales, baud=9600)
+
+
 class Log(Recorded):
     """A recording of an instrument that sends something at each period; things happen `at` seconds from its start."""
 
     def __init__(
         self,
         lab: Lab,
-        parser: RowParser,
+        make: Callable[[str], HandHeld],
         sent: Callable[[int], bytes] | bytes,
         *,
         for_s: float | None = None,
@@ -51,13 +53,13 @@ class Log(Recorded):
         at: dict[float, Callable[[], object]] | None = None,
     ) -> None:
         board = Board(sent if callable(sent) else lambda n: sent, rate_hz=1 / period_s)
-        instrument = HandHeld(lab.plug_in(board, f"{lab.port}/{port}"), parser)
+        instrument = make(lab.plug_in(board, f"{lab.port}/{port}"))
         for seconds, act in (at or {}).items():
             lab.hardware.at(seconds, act)
         begun_s = lab.hardware.seconds()
         run, self.error, _ = recorded(lab.hardware, lab.folder, instrument, for_s=for_s)
         self.took_s = lab.hardware.seconds() - begun_s
-        super().__init__(run, parser.name, begun_s=begun_s)
+        super().__init__(run, instrument.name, begun_s=begun_s)
 
 
 @pytest.mark.parametrize("port", ["ttyUSB0", "hidraw0"])
@@ -69,7 +71,7 @@ def test_what_a_tachometer_shows_is_a_row_when_it_comes(lab: Lab, port: str) -> 
         return bytes([0xF0 + len(part)]) + part.ljust(7, b"\0")
 
     is_serial = port == "ttyUSB0"
-    log = Log(lab, Ut372(), PACKET if is_serial else report, for_s=20, period_s=0.5 if is_serial else 0.125, port=port)
+    log = Log(lab, Ut372, PACKET if is_serial else report, for_s=20, period_s=0.5 if is_serial else 0.125, port=port)
 
     assert log.error is None
     assert list(log.rows.columns) == ["t", "rpm"]
@@ -90,7 +92,7 @@ def test_what_a_tachometer_shows_is_a_row_when_it_comes(lab: Lab, port: str) -> 
 def test_what_scales_say_is_a_row_with_whether_it_is_stable(
     lab: Lab, lines: list[bytes], shown: list[list[float]], rejected: int
 ) -> None:
-    log = Log(lab, Scales(9600), lambda n: lines[n] if n < len(lines) else b"", for_s=9, period_s=2)
+    log = Log(lab, scales, lambda n: lines[n] if n < len(lines) else b"", for_s=9, period_s=2)
 
     assert log.error is None
     assert log.rows[["grams", "stable"]].to_numpy().tolist() == shown
@@ -98,15 +100,15 @@ def test_what_scales_say_is_a_row_with_whether_it_is_stable(
     assert (log.facts["rejected"], log.facts["baud"]) == (rejected, 9600)
 
 
-PARSERS = [(Ut372, PACKET), (lambda: Scales(9600), LINE)]
+INSTRUMENTS = [(Ut372, PACKET), (scales, LINE)]
 
 
-@pytest.mark.parametrize(("make", "sent"), PARSERS)
+@pytest.mark.parametrize(("make", "sent"), INSTRUMENTS)
 def test_ten_seconds_of_silence_or_a_pulled_plug_end_a_run_and_keep_its_rows(
-    lab: Lab, make: Callable[[], RowParser], sent: bytes
+    lab: Lab, make: Callable[[str], HandHeld], sent: bytes
 ) -> None:
-    silent = Log(lab, make(), lambda n: sent if n < 6 else b"", period_s=1)
-    pulled = Log(lab, make(), sent, period_s=1, at={3.2: partial(lab.unplug, f"{lab.port}/ttyUSB0")})
+    silent = Log(lab, make, lambda n: sent if n < 6 else b"", period_s=1)
+    pulled = Log(lab, make, sent, period_s=1, at={3.2: partial(lab.unplug, f"{lab.port}/ttyUSB0")})
 
     for log, rows, took_s in ((silent, 6, 15.05), (pulled, 4, 3.25)):
         assert isinstance(log.error, DeviceError)
@@ -131,13 +133,13 @@ def at_another_speed(data: bytes, *, sent_baud: int, read_baud: int) -> bytes:
     return bytes(found)
 
 
-@pytest.mark.parametrize(("make", "sent"), PARSERS)
+@pytest.mark.parametrize(("make", "sent"), INSTRUMENTS)
 @pytest.mark.parametrize("factor", [0.25, 0.5, 2, 4, 8])
 def test_a_port_at_another_speed_ends_a_run_and_makes_no_row(
-    lab: Lab, make: Callable[[], RowParser], sent: bytes, factor: float
+    lab: Lab, make: Callable[[str], HandHeld], sent: bytes, factor: float
 ) -> None:
     assert at_another_speed(sent, sent_baud=2400, read_baud=2400) == sent
-    log = Log(lab, make(), at_another_speed(sent, sent_baud=2400, read_baud=int(2400 * factor)))
+    log = Log(lab, make, at_another_speed(sent, sent_baud=2400, read_baud=int(2400 * factor)))
 
     assert isinstance(log.error, DeviceError)
     assert "bytes without a reading" in str(log.error)
@@ -150,7 +152,7 @@ def test_what_is_no_present_speed_is_set_aside_and_said_when_nothing_else_comes(
     lab: Lab, shown: bytes, word: str
 ) -> None:
     packets = chain([PACKET], repeat(shown))
-    log = Log(lab, Ut372(), lambda n: next(packets))
+    log = Log(lab, Ut372, lambda n: next(packets))
 
     assert word in str(log.error)
     assert len(log.rows) == 1
@@ -218,8 +220,10 @@ def opened(
     return hardware.run(main)
 
 
-@pytest.mark.parametrize(("parser", "baud"), [(Ut372(), 2400), (Scales(9600), 9600), (Scales(4800), 4800)])
-def test_ports_run_at_their_instruments_speed(ends: tuple[int, str], parser: RowParser, baud: int) -> None:
+@pytest.mark.parametrize(("make", "baud"), [(Ut372, 2400), (scales, 9600), (partial(Scales, baud=4800), 4800)])
+def test_ports_run_at_their_instruments_speed(
+    ends: tuple[int, str], make: Callable[[str], HandHeld], baud: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     device, path = ends
     found: list[Any] = []
 
@@ -227,7 +231,13 @@ def test_ports_run_at_their_instruments_speed(ends: tuple[int, str], parser: Row
         found.extend(termios.tcgetattr(device))
         os.write(device, PACKET)
 
-    received = opened(lambda hardware, receiver: parser.open(hardware, path, receiver), act)
+    def open_port(hardware: Hardware, receiver: Receiver) -> Any:
+        instrument = make(path)
+        monkeypatch.setattr(instrument, "received", receiver.received)
+        instrument.start(hardware)
+        return instrument
+
+    received = opened(open_port, act)
 
     assert received.data == PACKET
     assert found[4] == found[5] == getattr(termios, f"B{baud}")

@@ -11,9 +11,8 @@ import pytest
 
 from cfid.console.live import asking, fitting, line_of
 from cfid.rig.instrument import Block
-from cfid.rig.progress import Reading
+from cfid.rig.progress import Reading, degrees, displayed, first_force, vertical_force, volts
 from cfid.rig.recorder import Recorder
-from cfid.rig.shown import degrees, displayed, first_force, vertical_force, volts
 from cfid.wire.rls import RLS_13BIT_IN_22, encode_positions
 
 BLOCK_S = 0.05

@@ -26,7 +26,7 @@ def forces_judged(
     value = LineValue(name="Fz", unit="g", scale=scale)
     cell = LoadCellLines(kind="lines", port="/dev/null", rate_hz=rate_hz, values=(value,))
     columns = {"t": np.arange(len(raw)) / rate_hz, "Fz": cell.factor(value) * raw} if len(raw) else {}
-    records = {"loadcell": record_of("loadcell", cell)}
+    records = {"loadcell": record_of("loadcell", cell, {})}
     answers = judged(records, {"loadcell": Sampled(columns, lost)}, [plan], mass_kg=MASS_KG)["loadcell"]
     return {answer.asked: answer for answer in answers}
 

@@ -166,7 +166,7 @@ def test_a_stop_needs_no_campaign_where_the_address_is_given(tmp_path: Path) -> 
 def test_where_no_second_link_opens_the_whole_one_carries_the_stop(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with bench_in(tmp_path, crazyflie={"firmware": "stock"}) as bench, DeviceLock.take(bench.uri):  # by this process
+    with bench_in(tmp_path, crazyflie={"firmware": "stock"}) as bench, DeviceLock(bench.uri):  # by this process
         link = bench.hardware.link(bench.uri)
         drive(link)
         bench.hardware.pause(0.1)
@@ -321,7 +321,7 @@ signal.signal(signal.SIGTERM, signal.SIG_DFL if heeds == "heeds" else signal.SIG
 handle = os.open(radio, os.O_RDWR | os.O_CREAT)
 if heeds == "another user":
     os.setuid(65534)
-lock, link = DeviceLock.take(uri), open_link(uri)
+lock, link = DeviceLock(uri), open_link(uri)
 fcntl.flock(handle, fcntl.LOCK_EX)
 for name, kind, value in (("m2", "H", 20000), ("enable", "B", 1)):
     link.send(Packet(2, 3, encode_set_by_name(f"motorPowerSet.{name}", kind, value)))

@@ -421,7 +421,7 @@ def test_a_port_is_locked_while_it_is_recorded_and_has_to_be_there(lab: Lab) -> 
     with plugged(lab, line, CELL) as setting, ExitStack() as held:
         ready_lines("loadcell", setting, lab.hardware, held, say=print)
         with pytest.raises(DeviceError, match="is held by"):
-            DeviceLock.take(setting.port)
+            DeviceLock(setting.port)
         with pytest.raises(DeviceError, match="no such port"):
             ready_lines("loadcell", CELL, lab.hardware, held, say=print)
 

@@ -7,11 +7,11 @@ from cfid.console.live import LiveLine
 from cfid.counted import counted
 from cfid.motors.plan import StaircasePlan
 from cfid.motors.typed import Expected
+from cfid.rig.hand_held import Readings
 from cfid.rig.hardware import Hardware
 from cfid.rig.motor_commands import MotorCommands, four
 from cfid.rig.motors import STILL
 from cfid.rig.questions import LATE, UNDO, Answer, Questions
-from cfid.rig.readings import Readings
 from cfid.rig.run import Procedure
 
 _LAST = "Enter ends, u undoes {value:g}"
@@ -97,7 +97,7 @@ async def run_staircase(staircase: StaircasePlan, commands: MotorCommands, *, ha
         tell(f"command {step} ({count + 1} of {len(staircase.steps)})")
         await commands.set(four(step, staircase.motors))
         await hardware.sleep(staircase.hold_s)
-        commands.is_whole = count + 1 == len(staircase.steps)  # whatever ends it from now on, no step is lost
+        commands.whole = count + 1 == len(staircase.steps)  # whatever ends it from now on, no step is lost
         await commands.set(STILL)
         await hardware.sleep(staircase.rest_s)
 
@@ -145,7 +145,7 @@ async def read_at_steps(
                 await resumed(step)
         if isinstance(value, float):
             readings.add(step, value)
-        readings.is_whole = not left  # from now on Ctrl-C ends the run as Enter does
+        readings.whole = not left  # from now on Ctrl-C ends the run as Enter does
         await commands.set(STILL)
         await hardware.sleep(staircase.rest_s)
         if left:
@@ -153,6 +153,6 @@ async def read_at_steps(
         live.left("all steps read")
         live.task("motors off")
         if await undone() and (back := readings.withdraw()) is not None:
-            readings.is_whole = False
+            readings.whole = False
             live.tell(_taken_back(*back, held="now"))
             left = [back[0]]

@@ -21,8 +21,8 @@ from cfid.records.rig_file import LoadCellBox, LoadCellLines
 from cfid.records.run import Label, Run
 from cfid.rig.hardware import Hardware
 from cfid.rig.instrument import Instrument
+from cfid.rig.loadcell import ready_loadcell
 from cfid.rig.run import Plan
-from cfid.rig.sensors import ready_loadcell
 from cfid.rig.sine import Crossings
 from cfid.transfer.sines.during import Felt
 from cfid.transfer.sines.plan import PLANNED, Sine
@@ -93,7 +93,7 @@ def _quick(cell: LoadCellBox | LoadCellLines, rig: Rig, log: Callable[[], Instru
     with ExitStack() as stream:
         loadcell = ready_loadcell(cell, rig.hardware, stream, say=speech, patient=False)
         mass_kg = rig.campaign.rig.vehicle.mass_kg
-        return quick(lambda: [loadcell.again(), log()], plan, rig.hardware, mass_kg=mass_kg)
+        return quick(lambda: [loadcell, log()], plan, rig.hardware, mass_kg=mass_kg)
 
 
 def _show_task(live: LiveLine, name: str, text: str) -> None:
