@@ -2,47 +2,21 @@
 
 import time
 from collections import deque
-from dataclasses import dataclass
-from typing import Self
+from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
-_WRAP = 1 << 32
 REMEMBERED_BLOCKS = 40  # two seconds' worth: several quick arrivals, and hardly any drift
-_FASTEST_CORRECTION = 5e-4  # fraction of the time passed: 0.07 microseconds from one sample to the next at 7 kHz
 
 
-@dataclass(frozen=True)
-class HostClock:
-    """Unix time derived from the monotonic clock by an offset that is measured once."""
-
-    unix_less_monotonic_s: float
-
-    @classmethod
-    def now(cls) -> Self:
-        """Measure the offset; the least interrupted of a few attempts counts."""
-        tries = [(time.monotonic(), time.time(), time.monotonic()) for _ in range(5)]
-        before, unix, after = min(tries, key=lambda read: read[2] - read[0])
-        return cls(unix - (before + after) / 2)
-
-    def unix_s(self, monotonic_s: Array) -> Array:
-        """Return the Unix time of instants on the monotonic clock."""
-        return monotonic_s + self.unix_less_monotonic_s
-
-
-def suspended_s() -> float:
-    """Return how long the computer has been suspended since its start, which the monotonic clock leaves out.
-
-    Return 0 where the system does not report it.
-    """
-    if not hasattr(time, "CLOCK_BOOTTIME"):
-        return 0.0
-    tries = [(time.monotonic(), time.clock_gettime(time.CLOCK_BOOTTIME), time.monotonic()) for _ in range(5)]
-    before, since_start, after = min(tries, key=lambda read: read[2] - read[0])
-    return since_start - (before + after) / 2
+def ahead_s(read: Callable[[], float]) -> float:
+    """Return how far a clock is ahead of the monotonic one; the least interrupted of a few readings counts."""
+    tries = [(time.monotonic(), read(), time.monotonic()) for _ in range(5)]
+    before, there, after = min(tries, key=lambda times: times[2] - times[0])
+    return there - (before + after) / 2
 
 
 class SampleClock:
@@ -90,7 +64,8 @@ class SampleClock:
             return np.asarray(device_s + (read_s - device_s[-1]))
         if fresh:
             self._offset_s, self._at_s = self._quickest[-1], float(device_s[0])
-        most_s = _FASTEST_CORRECTION * max(float(device_s[-1]) - self._at_s, 0.0)
+        # The fastest correction is 0.07 microseconds from one sample to the next at 7 kHz.
+        most_s = 5e-4 * max(float(device_s[-1]) - self._at_s, 0.0)
         change_s = float(np.clip(min(self._quickest) - self._offset_s, -most_s, most_s))
         grown = np.interp(device_s, (self._at_s, device_s[-1]), (0.0, change_s)) if most_s else 0.0
         instants_s = device_s + self._offset_s + grown
@@ -100,5 +75,5 @@ class SampleClock:
     def _unwrapped(self, ticks: npt.NDArray[np.uint32]) -> Array:
         """Continue a count (n,) from the last one known."""
         begin = int(ticks[0]) if self._last_ticks is None else self._last_ticks
-        steps = (ticks - np.uint32(begin % _WRAP)).astype(np.int32).astype(np.int64)
+        steps = (ticks - np.uint32(begin % (1 << 32))).astype(np.int32).astype(np.int64)
         return np.asarray(begin + steps, dtype=np.float64)

@@ -4,13 +4,12 @@ import contextlib
 import os
 import signal
 from collections.abc import Callable
-from typing import NamedTuple
 
 from cfid.errors import DeviceError, StopError
 from cfid.rig.hardware import Hardware
 from cfid.rig.link import Link
 from cfid.rig.lock import DeviceLock, Holder, find_holder
-from cfid.rig.stop import MAY_BE_RUNNING, Acknowledged, Kind, arriving, stop_over
+from cfid.rig.stop import MAY_BE_RUNNING, Acknowledged, Kind, Stopped, arriving, stop_over
 from cfid.wire.app import AppPorts
 from cfid.wire.supervisor import PORT_SINCE, Bits, VehicleState, decode_recovery, encode_recovery
 
@@ -25,14 +24,6 @@ _WRITES_S = 10.0  # a recorder that is requested to end closes its run within 2 
 
 _ANSWERS_S, _RECOVERY_TRIES = 0.2, 5
 _SETTLES_S = 0.3  # a recovered vehicle passes its checks, and may arm itself, within 0.2 s
-
-
-class Stopped(NamedTuple):
-    """A stop that the vehicle confirmed: its firmware, the time since the first packet in s, and its state."""
-
-    kind: Kind
-    after_s: float
-    state: VehicleState | None = None
 
 
 def stop_vehicle(uri: str, ports: AppPorts, hardware: Hardware, *, say: Say) -> Stopped:
@@ -58,15 +49,15 @@ def stop_vehicle(uri: str, ports: AppPorts, hardware: Hardware, *, say: Say) -> 
         from cfid.rig.read_back import confirm_stop  # imports Twisted, which the motors need not wait for
 
         try:
-            kind, acknowledged, state = confirm_stop(uri, ports, hardware, acknowledged)
+            stopped = confirm_stop(uri, ports, hardware, acknowledged)
         except StopError:
             raise
         except DeviceError as error:
             raise _not_read_back(error, acknowledged, driven=holder is not None) from None
         remaining = find_holder(uri)
     if remaining is not None and remaining.process != os.getpid():
-        say(_what_remains(remaining, kind))
-    return Stopped(kind, acknowledged.after_s, state)
+        say(_what_remains(remaining, stopped.kind))
+    return stopped
 
 
 def _ends(holder: Holder) -> bool:

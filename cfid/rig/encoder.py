@@ -40,7 +40,7 @@ class FoundPort(NamedTuple):
 
 def ports_to_ask(hardware: Hardware, port: str) -> list[str]:
     """Return the port itself or, where none is named, those whose device names itself an E201."""
-    return [port] if port else [info.path for info in hardware.serial_ports() if e201.PRODUCT in info.product]
+    return [port] if port else [path for path, product in hardware.serial_ports() if e201.PRODUCT in product]
 
 
 async def find_encoder(
@@ -298,7 +298,7 @@ class Encoder(PortInstrument):
         times_s, readings = np.array(self._times_s), self._readings
         self._times_s, self._readings = [], []
         phi = np.array([reading.position for reading in readings], dtype=np.int64)
-        columns: list[npt.NDArray[Any]] = [self._hardware.clock.unix_s(times_s), phi]
+        columns: list[npt.NDArray[Any]] = [self._hardware.unix_times_s(times_s), phi]
         if self._found.stamped:
             columns.append(self._unwrapped([reading.stamp_us or 0 for reading in readings]))
         valid = decode_words(phi).valid if self._is_checked else np.ones(len(phi), dtype=np.bool_)

@@ -16,12 +16,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Coroutine, Iterator
 from contextvars import ContextVar
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from cfid.errors import DeviceError
 from cfid.records.rig_file import Devices, Rig
 from cfid.rig import sim_file
-from cfid.rig.clock import HostClock, suspended_s
+from cfid.rig.clock import Array, ahead_s
 from cfid.rig.link import Link, open_link
 
 if TYPE_CHECKING:  # Twisted takes longer to load than a stop of the motors
@@ -34,23 +34,7 @@ Result = TypeVar("Result")
 Address = tuple[str, int]
 TakeDatagram = Callable[[bytes, Address, float], None]  # a datagram, its source, and when it arrived
 
-_STALL_S = 0.2  # between two looks at the clock, which come every 0.05 s in a recording
 _PAGE_S = 3.0  # without a byte
-_LONGEST_PAGE = 1 << 18
-
-
-class PortInfo(NamedTuple):
-    """A serial port of this computer, and the name that its device gives itself."""
-
-    path: str
-    product: str
-
-
-class Page(NamedTuple):
-    """What a device answers over HTTP."""
-
-    status: int
-    text: str
 
 
 class SerialPort(Protocol):
@@ -89,24 +73,14 @@ class DatagramPort(Protocol):
         """Close the port."""
 
 
-class Reader(Protocol):
-    """What a loop waits for; its methods have Twisted's names."""
-
-    def fileno(self) -> int:
-        """Return the file descriptor."""
-
-    def doRead(self) -> None:  # noqa: N802
-        """Read what waits."""
-
-
 class Hardware(ABC):
     """Everything that a program can open or wait for.
 
-    `clock` is measured when `run` begins. Inside `run`, coroutines wait by `sleep` and `later`; outside, code that has
-    no loop waits by `pause`.
+    `unix_less_monotonic_s` is measured once, when `run` begins. Inside `run`, coroutines wait by `sleep` and `later`;
+    outside, code that has no loop waits by `pause`.
     """
 
-    clock: HostClock
+    unix_less_monotonic_s: float
 
     def __init__(self) -> None:
         """Start with a program that has not stood still."""
@@ -118,7 +92,11 @@ class Hardware(ABC):
 
     def unix_s(self) -> float:
         """Return the Unix time."""
-        return self.seconds() + self.clock.unix_less_monotonic_s
+        return self.seconds() + self.unix_less_monotonic_s
+
+    def unix_times_s(self, monotonic_s: Array) -> Array:
+        """Return the Unix times of instants on the monotonic clock, which steps of the wall clock do not shift."""
+        return monotonic_s + self.unix_less_monotonic_s
 
     @abstractmethod
     def suspended_s(self) -> float:
@@ -130,7 +108,7 @@ class Hardware(ABC):
         What a device sent then waits in the system. It has to be called often, as a recording does.
         """
         now_s = self.seconds()
-        self._stood_s += max(now_s - self._looked_s - _STALL_S, 0.0)
+        self._stood_s += max(now_s - self._looked_s - 0.2, 0.0)  # a recording looks every 0.05 s
         self._looked_s = now_s
         return now_s - self._stood_s
 
@@ -167,11 +145,11 @@ class Hardware(ABC):
         """Do something slow beside the loop."""
 
     @abstractmethod
-    def add_reader(self, reader: Reader) -> None:
-        """Call `reader.doRead` whenever its file can be read."""
+    def add_reader(self, reader: Any) -> None:
+        """Call `reader.doRead` whenever its `fileno` can be read."""
 
     @abstractmethod
-    def remove_reader(self, reader: Reader) -> None:
+    def remove_reader(self, reader: Any) -> None:
         """End that."""
 
     @abstractmethod
@@ -179,8 +157,8 @@ class Hardware(ABC):
         """Return the addresses of a campaign's devices, and whether they are simulated. Raises ConfigError."""
 
     @abstractmethod
-    def serial_ports(self) -> list[PortInfo]:
-        """Return all serial ports."""
+    def serial_ports(self) -> list[tuple[str, str]]:
+        """Return all serial ports, each with the name that its device gives itself."""
 
     @abstractmethod
     def has_port(self, path: str) -> bool:
@@ -210,8 +188,8 @@ class Hardware(ABC):
         """Open a UDP port to talk to an address, in the loop. `take` gets what arrives, from any source."""
 
     @abstractmethod
-    def page(self, address: Address, path: str) -> Page:
-        """Return a page over HTTP. Raises DeviceError where nothing answers."""
+    def page(self, address: Address, path: str) -> tuple[int, str]:
+        """Return status and text of a page over HTTP. Raises DeviceError where nothing answers."""
 
     @abstractmethod
     def exchange(self, address: Address, request: bytes, size: int) -> bytes:
@@ -232,7 +210,7 @@ class Real(Hardware):
     def __init__(self) -> None:
         """Open nothing yet."""
         super().__init__()
-        self.clock = HostClock.now()
+        self.unix_less_monotonic_s = ahead_s(time.time)
         self._loop: Loop | None = None
 
     @property
@@ -247,7 +225,8 @@ class Real(Hardware):
 
     def suspended_s(self) -> float:
         """Return how long the computer has been suspended since its start, 0 where the system does not report it."""
-        return suspended_s()
+        boot_clock = getattr(time, "CLOCK_BOOTTIME", None)
+        return 0.0 if boot_clock is None else ahead_s(lambda: time.clock_gettime(boot_clock))
 
     def pause(self, seconds: float) -> None:
         """Wait outside a loop."""
@@ -258,7 +237,7 @@ class Real(Hardware):
         from cfid.rig.loop import run_until_done
 
         async def run_in(loop: "Loop", ending: "Ending") -> Result:
-            self._loop, self.clock = loop, HostClock.now()
+            self._loop, self.unix_less_monotonic_s = loop, ahead_s(time.time)
             return await main(ending)
 
         try:
@@ -285,11 +264,11 @@ class Real(Hardware):
 
         return deferToThreadPool(self.loop, self.loop.getThreadPool(), work)
 
-    def add_reader(self, reader: Reader) -> None:
-        """Call `reader.doRead` whenever its file can be read."""
+    def add_reader(self, reader: Any) -> None:
+        """Call `reader.doRead` whenever its `fileno` can be read."""
         self.loop.addReader(reader)
 
-    def remove_reader(self, reader: Reader) -> None:
+    def remove_reader(self, reader: Any) -> None:
         """End that."""
         self.loop.removeReader(reader)
 
@@ -297,11 +276,11 @@ class Real(Hardware):
         """Return rig.toml's devices, or those of the simulated rig that serves the campaign."""
         return sim_file.devices_in(folder, rig)
 
-    def serial_ports(self) -> list[PortInfo]:
-        """Return all serial ports."""
+    def serial_ports(self) -> list[tuple[str, str]]:
+        """Return all serial ports, each with the name that its device gives itself."""
         from serial.tools import list_ports
 
-        return [PortInfo(info.device, info.product or info.description or "") for info in list_ports.comports()]
+        return [(info.device, info.product or info.description or "") for info in list_ports.comports()]
 
     def has_port(self, path: str) -> bool:
         """Return whether something is at a path."""
@@ -338,16 +317,16 @@ class Real(Hardware):
 
         return StampedPort.opened(self.loop, address, take)
 
-    def page(self, address: Address, path: str) -> Page:
+    def page(self, address: Address, path: str) -> tuple[int, str]:
         """Return a page over HTTP."""
         where = "http://{}:{}".format(*address)
         try:
             with urllib.request.build_opener(urllib.request.ProxyHandler({})).open(
                 f"{where}{path}", timeout=_PAGE_S
             ) as answer:
-                return Page(answer.status, answer.read(_LONGEST_PAGE).decode("utf-8", "replace"))
+                return answer.status, answer.read(1 << 18).decode("utf-8", "replace")
         except urllib.error.HTTPError as error:
-            return Page(error.code, "")
+            return error.code, ""
         except (OSError, ValueError, http.client.HTTPException) as error:
             cause = error.reason if isinstance(error, urllib.error.URLError) else error
             raise DeviceError(

@@ -77,7 +77,7 @@ class Instrument(ABC):
         if not rows:
             return Block(tuple(np.empty(0) for _ in self.record.columns), lost, fault, status)
         times_s, *values = (np.array(column) for column in zip(*rows, strict=True))
-        return Block((self._hardware.clock.unix_s(times_s), *values), lost, fault, status)
+        return Block((self._hardware.unix_times_s(times_s), *values), lost, fault, status)
 
 
 class Silence:
@@ -109,7 +109,7 @@ class Silence:
         first_s = min(first_s, now_s)
         was_gap = first_s - self.received_s > max(0.25, _PERIODS * self._period_s)
         if was_gap and reason:
-            begin_s, end_s = self._hardware.clock.unix_s(np.array([self.received_s, first_s])).tolist()
+            begin_s, end_s = self._hardware.unix_times_s(np.array([self.received_s, first_s])).tolist()
             stood_s = now_s - self.received_s - self.seconds
             stood = {"stood_s": round(stood_s, 3)} if stood_s > 0 else {}
             self.gaps.append({"from_s": begin_s, "to_s": end_s, "reason": reason, **stood})

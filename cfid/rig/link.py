@@ -11,7 +11,7 @@ import threading
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from typing import Protocol
+from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
 from cfid.errors import DeviceError
@@ -25,6 +25,9 @@ from cfid.wire.crtp import (
     encode_echo,
     encode_packet,
 )
+
+if TYPE_CHECKING:
+    from cfid.rig.radio import Driver
 
 Arrived = tuple[Packet, float]
 
@@ -153,7 +156,7 @@ class _ThreadedLink(Link):
         for thread in (closing, *self._threads):
             thread.join(_CLOSE_S)
 
-    def _opened(self, uri: str) -> "_Carrier":
+    def _opened(self, uri: str) -> "_Datagrams | Driver":
         if uri.startswith("udp://"):
             return _Datagrams(uri)
         from cfid.rig.radio import Driver  # cflib's import takes longer than a stop
@@ -196,19 +199,8 @@ class _ThreadedLink(Link):
         self._wake()
 
 
-class _Carrier(Protocol):
-    def send(self, packet: Packet) -> None:
-        """Send a packet. Raises OSError when the way to the vehicle is gone."""
-
-    def receive(self) -> Arrived | None:
-        """Wait for a packet; return it with its time, None when none came for a while. Raises OSError as `send`."""
-
-    def close(self) -> None:
-        """Release what carries the packets, and wake who waits for one."""
-
-
 class _Datagrams:
-    """A UDP socket, one packet a datagram."""
+    """A UDP socket, one packet a datagram; like a driver of cflib, it raises OSError when the vehicle is gone."""
 
     def __init__(self, uri: str) -> None:
         where = urlsplit(uri)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from contextlib import ExitStack
+from http import HTTPStatus
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,6 @@ RECEIVE_BUFFER_BYTES = 4 << 20  # 1.4 s of single records at 7 kHz; the usual bu
 
 _BIAS_TRIES, _BIAS_TAKES_S = 3, 0.1
 _BUFFERED_S = 0.02  # how long a box may keep records back to fill a datagram
-_HTTP_OK = 200
 
 _SILENT_S = 1.0  # without a record: then the stream is requested again
 _BROKEN_S = 0.4  # without a record while motors run, after which they are stopped
@@ -123,13 +123,13 @@ def read_once(box: LoadCellBox, hardware: Hardware) -> netft.LoadReading:
 
 
 def _page(box: LoadCellBox, hardware: Hardware, path: str) -> str:
-    page = hardware.page((box.address, box.http_port), path)
-    if page.status != _HTTP_OK:
+    status, text = hardware.page((box.address, box.http_port), path)
+    if status != HTTPStatus.OK:
         raise DeviceError(
-            f"http://{box.address}:{box.http_port}{path}: answers {page.status}, where a Net F/T has its settings: "
+            f"http://{box.address}:{box.http_port}{path}: answers {status}, where a Net F/T has its settings: "
             "another device."
         )
-    return page.text
+    return text
 
 
 def ready_loadcell(
@@ -267,7 +267,7 @@ class LoadCell(Instrument):
         instants_s = self._instants_s(records, arrived, arrival_s)
         self._is_first, self._last_ft = False, int(records["ft_sequence"][-1])
         columns = (
-            self._hardware.clock.unix_s(instants_s),
+            self._hardware.unix_times_s(instants_s),
             *records["counts"].T,
             records["rdt_sequence"],
             records["ft_sequence"],

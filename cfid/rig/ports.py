@@ -1,6 +1,7 @@
 """Ports of this computer in the rig's loop, by Twisted: serial ports, hidraw devices, and UDP with kernel stamps."""
 
 import contextlib
+import errno
 import fcntl
 import os
 import socket
@@ -17,15 +18,11 @@ from serial.tools import list_ports
 from twisted.internet.protocol import DatagramProtocol, Protocol
 from twisted.internet.serialport import SerialPort
 from twisted.internet.udp import Port
-from twisted.python.failure import Failure
 
 from cfid.errors import DeviceError
 
 if TYPE_CHECKING:
     from cfid.rig.hardware import Address, Hardware, Receiver, TakeDatagram
-
-# pyserial's own error is an OSError; the error of a plug pulled while the port opens is not.
-_PORT_ERRORS = (OSError, termios.error)
 
 RECEIVE_BUFFER_BYTES = 4 << 20  # 1.4 s of single records at 7 kHz; the usual buffer holds 37 ms
 # Wake-ups cost the most: the system collects datagrams, and every block of a recording takes those that wait.
@@ -41,56 +38,45 @@ _SO_RCVBUFFORCE = 33  # may exceed the system's limit, for those who may set tha
 _TIMESPEC = struct.Struct("@ll")
 _OVERFLOW = struct.Struct("@I")
 
-_FEATURE_REPORT = 3 << 30 | ord("H") << 8 | 0x06  # linux/hidraw.h, HIDIOCSFEATURE without a size
-_SIZE_SHIFT = 16
-_LONGEST_REPORT = 64
+_FEATURE_REPORT = 3 << 30 | ord("H") << 8 | 0x06  # linux/hidraw.h, HIDIOCSFEATURE without a size in bits 16 to 29
 
 
-class _ExclusivePort(SerialPort):
+class _Serial(SerialPort):
+    """An open serial port, which no other program may open meanwhile."""
+
     _serialFactory = partial(serial.Serial, exclusive=True)  # noqa: N815 - Twisted's name
 
-
-class _Serial(Protocol):
-    """An open serial port."""
-
     def __init__(self, hardware: Any, path: str, receiver: "Receiver", *, baud: int) -> None:
-        self._receiver = receiver
-        self._port = _ExclusivePort(self, path, hardware.loop, baudrate=baud)
-
-    def dataReceived(self, data: bytes) -> None:  # noqa: N802 - Twisted's name
-        self._receiver.received(data)
-
-    def connectionLost(self, reason: Failure | None = None) -> None:  # noqa: N802 - Twisted's name
-        self._receiver.disconnected()
-
-    def write(self, data: bytes) -> None:
-        self._port.write(data)
+        protocol: Any = Protocol()
+        protocol.dataReceived = receiver.received
+        protocol.connectionLost = lambda reason: receiver.disconnected()
+        super().__init__(protocol, path, hardware.loop, baudrate=baud)
 
     def close(self) -> None:
-        self._port.loseConnection()
+        self.loseConnection()
 
 
 def open_serial(hardware: "Hardware", path: str, receiver: "Receiver", *, baud: int) -> _Serial:
     """Open a serial port. Raises DeviceError naming why it cannot be opened."""
     try:
         return _Serial(hardware, path, receiver, baud=baud)
-    except _PORT_ERRORS as error:
+    except (OSError, termios.error) as error:  # pyserial's own is an OSError; that of a plug pulled just now is not
         raise DeviceError(f"{path}: {_why_not_open(error)}") from None
 
 
 def _why_not_open(error: Exception) -> str:
     """Return why a port cannot be opened, and what to do."""
-    number, text = getattr(error, "errno", None), str(error)
-    if number == 13 or "Permission" in text:
+    number = getattr(error, "errno", None)
+    if number == errno.EACCES:
         return "this user may not open it: join the group that owns it (dialout on most systems), and log in again."
-    if number == 2 or "No such file" in text:
+    if number == errno.ENOENT:
         available = ", ".join(info.device for info in list_ports.comports())
         return f"no such port. Available: {available or 'none'}."
-    if number in (11, 16) or "exclusively lock" in text or "busy" in text:
+    if number in (errno.EAGAIN, errno.EBUSY):
         return "another program has it open: close that first."
-    if number in (21, 25) or "Inappropriate ioctl" in text:
+    if number in (errno.EISDIR, errno.ENOTTY) or "Inappropriate ioctl" in str(error):
         return "this is not a serial port."
-    return f"{text}."
+    return f"{error}."
 
 
 def hid_nodes(vendor: int, product: int, root: Path = Path("/")) -> list[str]:
@@ -125,7 +111,7 @@ class HidPort:
         except OSError as error:
             raise DeviceError(f"{path}: {error.strerror}: unplug the device and plug it in again.") from None
         try:
-            fcntl.ioctl(self._handle, _FEATURE_REPORT | len(feature) << _SIZE_SHIFT, feature)
+            fcntl.ioctl(self._handle, _FEATURE_REPORT | len(feature) << 16, feature)
         except OSError as error:
             os.close(self._handle)
             raise DeviceError(f"{path}: it cannot be set up ({error.strerror}): another device.") from None
@@ -142,7 +128,7 @@ class HidPort:
     def doRead(self) -> None:  # noqa: N802 - Twisted's name
         """Read a report."""
         try:
-            report = os.read(self._handle, _LONGEST_REPORT)
+            report = os.read(self._handle, 64)
         except BlockingIOError:
             return
         except OSError:  # unplugged

@@ -1,12 +1,10 @@
 """Confirms a stop over a full link with the vehicle's tables: every command is zero, and no rotor idles."""
 
-from typing import NamedTuple
-
 from cfid.errors import DeviceError, StopError
 from cfid.rig.hardware import Hardware
 from cfid.rig.motor_log import PowerSet, confirm_still
 from cfid.rig.motors import firmware_of
-from cfid.rig.stop import MAY_BE_RUNNING, OVERRIDES, Acknowledged, Kind, stop_over
+from cfid.rig.stop import MAY_BE_RUNNING, OVERRIDES, Acknowledged, Kind, Stopped, stop_over
 from cfid.rig.supervisor import present_state
 from cfid.rig.tables import connect
 from cfid.rig.vehicle import Vehicle, asked
@@ -17,15 +15,7 @@ _DISARMED_S = 1.0
 _LOOK_S = 0.05  # a little longer than the supervisor takes to update
 
 
-class ReadBack(NamedTuple):
-    """A vehicle's firmware, what acknowledged the stop, and the state of its supervisor."""
-
-    kind: Kind
-    acknowledged: Acknowledged
-    state: VehicleState | None
-
-
-def confirm_stop(uri: str, ports: AppPorts, hardware: Hardware, acknowledged: Acknowledged | None) -> ReadBack:
+def confirm_stop(uri: str, ports: AppPorts, hardware: Hardware, acknowledged: Acknowledged | None) -> Stopped:
     """Read back that nothing drives the motors, and disarm a vehicle whose rotors idle.
 
     If no stop has been acknowledged yet, one is sent over this link. Raises DeviceError for a vehicle that cannot be
@@ -40,7 +30,7 @@ def confirm_stop(uri: str, ports: AppPorts, hardware: Hardware, acknowledged: Ac
             acknowledged = stop_over(vehicle.link, ports, hardware)
             if not acknowledged.by_app:
                 raise StopError(f"{MAY_BE_RUNNING}: {uri}: the app did not confirm that the motors stopped.")
-        return ReadBack(kind, acknowledged, asked(vehicle, lambda vehicle: _confirmed(vehicle, kind)))
+        return Stopped(kind, acknowledged.after_s, asked(vehicle, lambda vehicle: _confirmed(vehicle, kind)))
     finally:
         vehicle.link.close()
 

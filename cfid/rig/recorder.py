@@ -3,7 +3,7 @@
 import contextlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +13,7 @@ from twisted.python.failure import Failure
 
 from cfid.errors import CfidError, DeviceError, StopError
 from cfid.records.progress import RunProgress
+from cfid.records.run_writer import RunWriter
 from cfid.rig.hardware import Hardware
 from cfid.rig.instrument import Instrument
 from cfid.rig.progress import Progress
@@ -22,22 +23,6 @@ SYNC_S = 1.0
 _LONGEST_SLEEP_S = 0.5
 
 Notice = Callable[[str, Sequence[Any]], None]  # examines an instrument's new rows
-
-
-class Sink(Protocol):
-    """Takes rows, as a run's writer does."""
-
-    def append(self, device: str, columns: Sequence[Any]) -> None:
-        """Write one block. Raises DataError when it does not fit."""
-
-    def count_lost(self, device: str, samples: int | None) -> None:
-        """Count samples that are missing; None for an unknown number, after which the count stays unknown."""
-
-    def describe(self, device: str, facts: Mapping[str, Any]) -> None:
-        """Add facts about a device."""
-
-    def sync(self, progress: RunProgress) -> None:
-        """Sync the rows to the disk, and publish the progress."""
 
 
 @dataclass
@@ -55,17 +40,19 @@ class Sampled:
 
 
 class Memory:
-    """Keeps all rows in memory."""
+    """Keeps all rows in memory, or none where only the procedure counts."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, keep: bool = True) -> None:
         """Start without rows."""
+        self._keep = keep
         self._blocks: dict[str, list[Sequence[Any]]] = {}
         self._lost: dict[str, int | None] = {}
         self._facts: dict[str, Mapping[str, Any]] = {}
 
     def append(self, device: str, columns: Sequence[Any]) -> None:
         """Keep one block."""
-        self._blocks.setdefault(device, []).append(columns)
+        if self._keep:
+            self._blocks.setdefault(device, []).append(columns)
 
     def count_lost(self, device: str, samples: int | None) -> None:
         """Count samples that are missing."""
@@ -92,7 +79,7 @@ class Recorder:
     def __init__(
         self,
         instruments: Sequence[Instrument],
-        sink: Sink,
+        sink: RunWriter | Memory,
         hardware: Hardware,
         *,
         show: Callable[["Recorder"], None],

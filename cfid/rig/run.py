@@ -18,7 +18,7 @@ from cfid.rig.hardware import Hardware
 from cfid.rig.instrument import Instrument, Say
 from cfid.rig.keyboard import Keyboard
 from cfid.rig.loop import Ending, until_over
-from cfid.rig.recorder import BLOCK_S, Memory, Recorder, Sampled, Sink
+from cfid.rig.recorder import BLOCK_S, Memory, Recorder, Sampled
 from cfid.version import __version__
 
 Procedure = Callable[[Mapping[str, Any], Hardware], Coroutine[Any, Any, None]]  # of the run's instruments by name
@@ -99,7 +99,7 @@ def drive(
     *,
     show: Show,
     stopped: Stopped,
-    into: Sink | None = None,
+    into: Memory | None = None,
     lasts_s: float | None = None,
     tare_s: float = 0.0,
 ) -> None:
@@ -110,9 +110,7 @@ def drive(
     """
 
     async def main(ending: Ending) -> None:
-        recorder = Recorder(
-            instruments, Nowhere() if into is None else into, hardware, show=show, for_s=lasts_s, tare_s=tare_s
-        )
+        recorder = Recorder(instruments, into or Memory(keep=False), hardware, show=show, for_s=lasts_s, tare_s=tare_s)
         try:
             await recorder.record(lambda: _carry_out(procedure, instruments, hardware, ending))
         finally:
@@ -147,13 +145,6 @@ def sample(
     if not complete:
         raise KeyboardInterrupt
     return {instrument.name: memory.sampled(instrument.name, instrument.record.columns) for instrument in instruments}
-
-
-class Nowhere(Memory):
-    """Keeps no row."""
-
-    def append(self, device: str, columns: Sequence[Any]) -> None:
-        """Drop one block."""
 
 
 async def _recorded(

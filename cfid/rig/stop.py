@@ -17,6 +17,7 @@ from cfid.units import MOTORS
 from cfid.wire import app
 from cfid.wire.app import AppPorts, PingChannel
 from cfid.wire.crtp import BY_NAME_CHANNEL, PARAMETER_PORT, Packet, decode_set_by_name, encode_set_by_name
+from cfid.wire.supervisor import VehicleState
 
 Kind = Literal["app", "stock"]
 
@@ -40,6 +41,14 @@ class Acknowledged(NamedTuple):
     by_app: bool
     by_parameters: bool
     after_s: float
+
+
+class Stopped(NamedTuple):
+    """A stop that the vehicle confirmed: its firmware, the time since the first packet in s, and its state."""
+
+    kind: Kind
+    after_s: float
+    state: VehicleState | None
 
 
 def stop_over(link: Link, ports: AppPorts, hardware: Hardware) -> Acknowledged:

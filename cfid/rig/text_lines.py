@@ -124,7 +124,7 @@ class TextLines(PortInstrument):
         setting = self._setting
         measured = [setting.factor(value) * np.array(numbers[value.name]) for value in setting.measured]
         columns: list[npt.NDArray[Any]] = [
-            self._hardware.clock.unix_s(np.array([row.received_s for row in rows])),
+            self._hardware.unix_times_s(np.array([row.received_s for row in rows])),
             *measured,
         ]
         if (stamp := setting.stamp) is not None:

@@ -71,7 +71,7 @@ class CrazyflieLog(Instrument):
         if not rows:
             self._watch()
             return self.block()
-        times_s = self._hardware.clock.unix_s(np.array([arrived_s for arrived_s, _, _ in rows]))
+        times_s = self._hardware.unix_times_s(np.array([arrived_s for arrived_s, _, _ in rows]))
         stamps_ms = np.array([stamp_ms for _, stamp_ms, _ in rows])
         values = zip(*(row for _, _, row in rows), strict=True)
         fault = self._motors.fault or self._watch_battery(rows[-1][0])

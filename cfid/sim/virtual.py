@@ -15,14 +15,10 @@ from twisted.python.failure import Failure
 
 from cfid.errors import DeviceError
 from cfid.records.rig_file import Devices, Rig
-from cfid.rig.clock import HostClock
 from cfid.rig.hardware import (
     Address,
     DatagramPort,
     Hardware,
-    Page,
-    PortInfo,
-    Reader,
     Receiver,
     Result,
     SerialPort,
@@ -109,11 +105,11 @@ class Virtual(Hardware):
         """Power the devices on at a Unix time."""
         super().__init__()
         self.time: VirtualClock = time or VirtualClock()
-        self.clock = HostClock(unix_s - self.time.seconds())
+        self.unix_less_monotonic_s = unix_s - self.time.seconds()
         self.rig = make(self.time.seconds)
         self.ending: Ending | None = None
         self.slept_s = 0.0  # for how long the computer was suspended
-        self._readers: list[Reader] = []
+        self._readers: list[Any] = []
         self._links: dict[Address, _VirtualLink] = {}
         self._next_packet: DelayedCall | None = None
         number = f"{os.getpid()}-{next(_numbers)}"  # so that no other process' lock has this rig's names
@@ -191,11 +187,11 @@ class Virtual(Hardware):
         """Do something now."""
         return execute(work)
 
-    def add_reader(self, reader: Reader) -> None:
+    def add_reader(self, reader: Any) -> None:
         """Read what is typed while time passes."""
         self._readers.append(reader)
 
-    def remove_reader(self, reader: Reader) -> None:
+    def remove_reader(self, reader: Any) -> None:
         """End that."""
         if reader in self._readers:
             self._readers.remove(reader)
@@ -207,10 +203,10 @@ class Virtual(Hardware):
         where = Addresses(encoder, others[0] if others else None, box, port, port, port, self._uri)
         return devices_at(where, rig.devices), True
 
-    def serial_ports(self) -> list[PortInfo]:
+    def serial_ports(self) -> list[tuple[str, str]]:
         """Return the ports of the devices that have a name, while they are plugged in."""
         named = [(path, product) for path, product in self._products.items() if product]
-        return [PortInfo(path, product) for path, product in named if self.ports[path].is_plugged]
+        return [(path, product) for path, product in named if self.ports[path].is_plugged]
 
     def has_port(self, path: str) -> bool:
         """Return whether a simulated device is at a path."""
@@ -238,12 +234,12 @@ class Virtual(Hardware):
         """Open a port to the simulated box; nothing answers at another address."""
         return _VirtualDatagrams(self, address, take)
 
-    def page(self, address: Address, path: str) -> Page:
+    def page(self, address: Address, path: str) -> tuple[int, str]:
         """Return a page of the simulated box."""
         self._refuse_without_box(address)
         self.pause(self.rig.loadcell.slow_s)
         text = page_of(self.rig.loadcell, path)
-        return Page(404, "") if text is None else Page(200, text)
+        return (404, "") if text is None else (200, text)
 
     def exchange(self, address: Address, request: bytes, size: int) -> bytes:
         """Return the simulated box' answer over TCP."""

@@ -85,10 +85,10 @@ def test_the_time_for_which_the_computer_was_suspended_is_read_from_its_clocks(
 ) -> None:
     body = f"""
 from pathlib import Path
-from cfid.rig.clock import suspended_s
-before = suspended_s()
+from cfid.rig.hardware import Real
+before = Real().suspended_s()
 Path({stepping["CLOCK_STEP_FILE"]!r}).touch()
-print(suspended_s() - before)
+print(Real().suspended_s() - before)
 """
     environment = stepping | {"CLOCK_SUSPENDED": "1", "CLOCK_STEP_S": "60"}
     ended = subprocess.run(
