@@ -16,15 +16,9 @@ from cfid.wire import app
 from cfid.wire.app import AppState, AppVerdict, Flags, PingChannel, SineChannel, ThrustChannel
 from cfid.wire.crtp import Packet
 
-_EVERY_S = 0.1  # five keep-alives in the time that the app waits for one
-_UNANSWERED_S = 0.4  # without an answer to any keep-alive
 _STOP_S = 0.1
 _STOPS = 10
-_ALLOWED_S = 0.7  # for a brushed vehicle to arm itself again, which takes it 0.16 s
 _AGAIN_S = 0.05
-_SINE_ENDS_S = 2.0
-_OTHERS_S = 0.7  # for the app to drop a program that died
-_WHY_S = 0.15
 _VERDICTS: Mapping[int, str] = {
     AppVerdict.ACCEPTED: "accepted",
     AppVerdict.WRONG_LENGTH: "the request has the wrong length",
@@ -121,10 +115,10 @@ class AppMotors:
             # The supervisor's state, which gives the reason, may come a moment later.
             seen = self._supervisor.state
             is_settled = self._supervisor.seen_s > taken_s and seen is not None and not seen.is_passing
-            if is_settled or self._vehicle.hardware.seconds() - taken_s > _WHY_S:
+            if is_settled or self._vehicle.hardware.seconds() - taken_s > 0.15:
                 raise DeviceError(f"{self._vehicle.uri}: the vehicle stopped its motors: {self._why(state)}.")
         unanswered_s = self._vehicle.hardware.awake_s() - self._answered_s
-        if self._next is not None and unanswered_s > _UNANSWERED_S:
+        if self._next is not None and unanswered_s > 0.4:
             raise DeviceError(
                 f"{self._vehicle.uri}: the app answered no keep-alive for {unanswered_s:.1f} s; it stops the motors "
                 f"{app.KEEP_ALIVE_S:g} s after the last one it receives."
@@ -211,7 +205,8 @@ class AppMotors:
 
         The supervisor disarms a vehicle whose motors have been off for some seconds; a brushed one is soon ready again.
         """
-        end_s = self._vehicle.hardware.seconds() + _ALLOWED_S
+        # A brushed vehicle arms itself again in 0.16 s.
+        end_s = self._vehicle.hardware.seconds() + 0.7
         while True:
             self._refuse_when_stopped()
             began_s: float = self._vehicle.hardware.seconds()
@@ -235,7 +230,7 @@ class AppMotors:
 
     async def _let_sine_end(self) -> None:
         """Wait until the previous sine has reported completion, a second after its motors stopped."""
-        end_s = self._vehicle.hardware.seconds() + _SINE_ENDS_S
+        end_s = self._vehicle.hardware.seconds() + 2.0
         while Flags.SINE_RUNNING in (await self._state()).flags:
             if self._vehicle.hardware.seconds() > end_s:
                 raise DeviceError(f"{self._vehicle.uri}: another sine is playing: `cfid motors stop` ends it.")
@@ -243,7 +238,8 @@ class AppMotors:
 
     async def _own_motors(self) -> None:
         """Wait until the app has once accepted a keep-alive of this program: before that it refuses every command."""
-        end_s = self._vehicle.hardware.seconds() + _OTHERS_S
+        # The app drops a program that died within this time.
+        end_s = self._vehicle.hardware.seconds() + 0.7
         while not self._owns_motors:
             if Flags.NOT_OWNER not in (await self._state()).flags:
                 self._owns_motors = True
@@ -272,7 +268,8 @@ class AppMotors:
         return state
 
     def _keep_alive(self) -> None:
-        self._next = self._vehicle.hardware.later(_EVERY_S, self._keep_alive)
+        # Five keep-alives leave in the time that the app waits for one.
+        self._next = self._vehicle.hardware.later(0.1, self._keep_alive)
         self._number += 1
         try:
             self._vehicle.send(self._ports.ping, PingChannel.ALIVE, app.encode_alive(self._number, self._owner))

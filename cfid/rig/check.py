@@ -40,18 +40,10 @@ from cfid.wire.supervisor import DEVICE, PLATFORM_PORT, RELEASE, VERSION_CHANNEL
 _STREAM_S = 0.3
 _WAIT_S = 1.0
 _LOOK_EVERY_S = 0.02
-_MOST_PASS = 0.5  # fraction of words; more pass where the width is right
-_REACH = "check power, cable, and devices.loadcell.address in rig.toml"
 
 _FIRST_S = 4.0  # until the first line: a board that restarts when its port is opened takes two seconds
-_LOOK_S = 1.0
-_FEWEST_PERIODS = 10
-_LONGEST_LOOK_S = 5.0
 _OFF = 0.1  # tolerance, as a fraction of the rate that rig.toml states
-_WRAP = 1 << 32  # of a clock in microseconds
-_TORN = 0.01  # fraction of the lines that may fail to match
 
-_LANDS_S = 2.5  # after the last motor stopped, a vehicle counts as flying for 2 s
 _FOUND = {
     "app": "cfid's app: thrust, sine, ping, and motors that stop when the link is lost",
     "stock": "stock firmware: thrust by parameters, ping by echo, no sine",
@@ -103,7 +95,7 @@ def check_encoder(
         return [named, DeviceAnswer("word", "warning", bits, advice)]
     stamped = "with the device's own stamps" if found.stamped else "without stamps"
     # A word of another kind may pass by chance, and a noisy line may spoil a valid one.
-    if counts_per_turn == RLS_13BIT_IN_22 and not decode_words(np.array(found.positions)).valid.mean() > _MOST_PASS:
+    if counts_per_turn == RLS_13BIT_IN_22 and not decode_words(np.array(found.positions)).valid.mean() > 0.5:
         advice = "no 13-bit position in 22 bits: set encoder.counts_per_turn in rig.toml to its counts per turn"
         return [named, DeviceAnswer("word", "fault", f"{bits}, position {found.positions[0]}", advice)]
     return [named, DeviceAnswer("word", "ok", f"{bits}, position {found.positions[0]}, {stamped}")]
@@ -167,7 +159,9 @@ def _tcp(setting: LoadCellBox, hardware: Hardware, settings: Settings | None) ->
     try:
         reading = read_once(setting, hardware)
     except DeviceError as error:
-        return DeviceAnswer("reading, TCP", "fault", str(error), _REACH)
+        return DeviceAnswer(
+            "reading, TCP", "fault", str(error), "check power, cable, and devices.loadcell.address in rig.toml"
+        )
     status = read_status(reading.status << 16, settings.family if settings else "netft")
     if status.faults:
         return DeviceAnswer(
@@ -256,7 +250,7 @@ def _listened(name: str, setting: LineDevice, hardware: Hardware) -> list[Device
 def _rate(setting: LineDevice, count: int, rejected: int, for_s: float) -> DeviceAnswer:
     rate_hz, stated_hz = count / for_s, setting.rate_hz
     shown = f"{rate_hz:.4g} a second of {stated_hz:g}, {rejected} of {count + rejected} do not match"
-    if rejected > max(_TORN * count, 1):
+    if rejected > max(0.01 * count, 1):
         return DeviceAnswer("lines", "warning", shown, "shorten the cable, lower the rate, or correct the pattern")
     missing, few = stated_hz * for_s - count, max(_OFF * stated_hz * for_s, 2)
     if missing < -few:
@@ -277,7 +271,7 @@ def _clock(setting: LineDevice, readings: Sequence[tuple[float, ...]], for_s: fl
     if stamp is None:
         return []
     ticks = np.array(readings)[:, setting.in_order().index(stamp)]
-    gone_s = 1e-6 * setting.factor(stamp) * float(np.sum(np.diff(ticks) % _WRAP))
+    gone_s = 1e-6 * setting.factor(stamp) * float(np.sum(np.diff(ticks) % (1 << 32)))
     shown = f"went {gone_s:.3g} s in {for_s:.3g} s"
     if abs(gone_s - for_s) > _OFF * for_s + 2 / setting.rate_hz:
         advice = "it counts another unit, stands, or is no clock: are there commas in numbers?"
@@ -320,7 +314,7 @@ class _Listener:
 
     async def listen(self, hardware: Hardware) -> float:
         """Listen to the device; return for how many seconds after its first line."""
-        look_s = min(max(_LOOK_S, _FEWEST_PERIODS / self._setting.rate_hz), _LONGEST_LOOK_S)
+        look_s = min(max(1.0, 10 / self._setting.rate_hz), 5.0)
         port = hardware.serial(self._setting.port, self, baud=self._setting.baud)
         try:
             end_s = hardware.seconds() + _FIRST_S
@@ -358,7 +352,8 @@ def _vehicle_answers(vehicle: Vehicle, setting: CrazyflieLink, platform: Platfor
         state, idle_thrust = await state_and_idle(vehicle)
         cause = await foreign_motion(vehicle, idle_thrust=idle_thrust)
         if not cause and state is not None and Bits.FLYING in state.bits:
-            await vehicle.hardware.sleep(_LANDS_S)
+            # After the last motor stopped, a vehicle counts as flying for 2 s.
+            await vehicle.hardware.sleep(2.5)
             state = await present_state(vehicle)
         volts = (await logged(vehicle, [BATTERY]))[0] if vehicle.link.variable(BATTERY) is not None else None
         return [

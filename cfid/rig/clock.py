@@ -19,6 +19,14 @@ def ahead_s(read: Callable[[], float]) -> float:
     return there - (before + after) / 2
 
 
+def unwrapped(ticks: npt.NDArray[np.int64], last: int | None) -> npt.NDArray[np.int64]:
+    """Continue a count of 32 bits (n,) from the last one known; none comes late by half of their range."""
+    begin = int(ticks[0]) if last is None else last
+    half = 1 << 31
+    steps = (np.diff(ticks, prepend=begin % (2 * half)) + half) % (2 * half) - half
+    return np.asarray(begin + np.cumsum(steps))
+
+
 class SampleClock:
     """Instants of samples that a device counts, on the host's clock.
 

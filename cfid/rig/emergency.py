@@ -15,15 +15,7 @@ from cfid.wire.supervisor import PORT_SINCE, Bits, VehicleState, decode_recovery
 
 Say = Callable[[str], None]
 
-_RELEASE_S = 0.3
-_RADIO_RELEASE_S = 3.0  # a holder releases a radio up to 2.5 s after the motors stopped
-_RESUME_S = 0.5
-_KILL_S = 1.0
-_OPENS_S, _AGAIN_S = 0.5, 0.02
 _WRITES_S = 10.0  # a recorder that is requested to end closes its run within 2 s, even on a busy computer
-
-_ANSWERS_S, _RECOVERY_TRIES = 0.2, 5
-_SETTLES_S = 0.3  # a recovered vehicle passes its checks, and may arm itself, within 0.2 s
 
 
 def stop_vehicle(uri: str, ports: AppPorts, hardware: Hardware, *, say: Say) -> Stopped:
@@ -64,7 +56,7 @@ def _ends(holder: Holder) -> bool:
     """Signal the process that holds the vehicle to end; return whether it gives the vehicle up at once."""
     if holder.is_ours and not holder.holds:  # it had to give up a radio already
         return True
-    return holder.send(signal.SIGTERM) and not holder.is_suspended and holder.wait_for_release(_RELEASE_S)
+    return holder.send(signal.SIGTERM) and not holder.is_suspended and holder.wait_for_release(0.3)
 
 
 def _second_link(holder: Holder | None, uri: str, hardware: Hardware, say: Say) -> Link | None:
@@ -81,24 +73,25 @@ def _second_link(holder: Holder | None, uri: str, hardware: Hardware, say: Say) 
             raise StopError(
                 f"{MAY_BE_RUNNING}: {holder} keeps the link to {uri}, and this user cannot end it. ({error})"
             ) from None
-    end_s = hardware.seconds() + _OPENS_S
+    end_s = hardware.seconds() + 0.5
     while hardware.seconds() < end_s:
         with contextlib.suppress(DeviceError):  # a process that ends releases its lock and its radio one by one
             return hardware.link(uri)
-        hardware.pause(_AGAIN_S)
+        hardware.pause(0.02)
     return hardware.link(uri)
 
 
 def _freed(holder: Holder, say: Say) -> bool:
     """Return whether a holder gave up its radio, after a signal or because it was killed."""
-    patience_s = _RESUME_S if holder.is_suspended else _RADIO_RELEASE_S
+    # A holder releases a radio up to 2.5 s after the motors stopped.
+    patience_s = 0.5 if holder.is_suspended else 3.0
     holder.send(signal.SIGTERM, signal.SIGCONT)  # one that is suspended gets the first when it continues
     if holder.wait_for_release(patience_s):
         return True
     if not holder.is_ours:
         return False
     say(f"{holder} does not end and keeps the link to itself: it is killed.")
-    return not holder.send(signal.SIGKILL) or holder.wait_for_release(_KILL_S)
+    return not holder.send(signal.SIGKILL) or holder.wait_for_release(1.0)
 
 
 def _not_read_back(error: DeviceError, acknowledged: Acknowledged | None, *, driven: bool) -> DeviceError:
@@ -139,7 +132,8 @@ def recover_vehicle(uri: str, ports: AppPorts, hardware: Hardware, *, say: Say) 
             with contextlib.closing(hardware.link(uri)) as link:
                 if not any(_is_granted(link, hardware, protocol) for protocol in (PORT_SINCE, PORT_SINCE - 1)):
                     raise DeviceError(f"{uri}: the vehicle did not grant the recovery: turn it off and on.")
-            hardware.pause(_SETTLES_S)
+            # A recovered vehicle passes its checks, and may arm itself, within 0.2 s.
+            hardware.pause(0.3)
             state = stop_vehicle(uri, ports, hardware, say=say).state
     if state is not None and state.remedy:
         raise DeviceError(f"{uri}: the vehicle is {state.name}: {state.remedy}.")
@@ -149,9 +143,9 @@ def recover_vehicle(uri: str, ports: AppPorts, hardware: Hardware, *, say: Say) 
 def _is_granted(link: Link, hardware: Hardware, protocol: int) -> bool:
     """Request the recovery in a version of the protocol until it is answered; return whether it was granted."""
     request = encode_recovery(protocol=protocol)
-    for _ in range(_RECOVERY_TRIES):
+    for _ in range(5):
         link.send(request)
-        for packet in arriving(link, hardware, within_s=_ANSWERS_S):
+        for packet in arriving(link, hardware, within_s=0.2):
             if packet[:2] == request[:2]:
                 granted = decode_recovery(packet.payload, protocol=protocol)
                 if granted is not None:

@@ -12,6 +12,7 @@ from twisted.internet.base import DelayedCall
 from cfid.errors import DeviceError
 from cfid.records.rig_file import EncoderLines, EncoderPort
 from cfid.records.run import DeviceRecord
+from cfid.rig.clock import unwrapped
 from cfid.rig.hardware import Hardware, SerialPort
 from cfid.rig.instrument import Block, PortInstrument, Say
 from cfid.rig.lock import DeviceLock, holder_of
@@ -24,7 +25,6 @@ SLOWEST_REPLY_S = 0.05  # to a poll; one or two milliseconds are usual
 BAUD = 115200  # meaningless on USB
 
 _LOOK_S = 0.005
-_WRAP = 1 << e201.STAMP_BITS
 
 
 class FoundPort(NamedTuple):
@@ -300,7 +300,9 @@ class Encoder(PortInstrument):
         phi = np.array([reading.position for reading in readings], dtype=np.int64)
         columns: list[npt.NDArray[Any]] = [self._hardware.unix_times_s(times_s), phi]
         if self._found.stamped:
-            columns.append(self._unwrapped([reading.stamp_us or 0 for reading in readings]))
+            stamps_us = unwrapped(np.array([reading.stamp_us or 0 for reading in readings], np.int64), self._last_us)
+            self._last_us = int(stamps_us[-1])
+            columns.append(stamps_us)
         valid = decode_words(phi).valid if self._is_checked else np.ones(len(phi), dtype=np.bool_)
         self._taken += len(phi)
         self._failed_check += int(np.sum(~valid))
@@ -387,14 +389,6 @@ class Encoder(PortInstrument):
     def _cancel(self) -> None:
         if self._timer is not None and self._timer.active():
             self._timer.cancel()
-
-    def _unwrapped(self, stamps_us: list[int]) -> npt.NDArray[np.int64]:
-        """Unwrap 32-bit stamps (n,); no answer is late by half of their range."""
-        begin_us = stamps_us[0] if self._last_us is None else self._last_us
-        steps = (np.diff(stamps_us, prepend=begin_us % _WRAP) + _WRAP // 2) % _WRAP - _WRAP // 2
-        continued = begin_us + np.cumsum(steps)
-        self._last_us = int(continued[-1])
-        return np.asarray(continued)
 
     def _check_silence(self) -> None:
         if self._gone_s is None and not self._stopped and self._silence.exceeds(3.0):

@@ -31,11 +31,7 @@ if TYPE_CHECKING:
 
 Arrived = tuple[Packet, float]
 
-_ECHO = Packet(ECHO_PORT, ECHO_CHANNEL, encode_echo(0))
-_ECHO_EVERY_S = 0.1  # so that a vehicle that sends nothing by itself shows that it is there
-_LONGEST_QUEUE = 64  # packets that wait for the driver
-_LOOK_S = 0.2
-_CLOSE_S = 2.5  # a radio takes up to two seconds
+_ECHO = Packet(ECHO_PORT, ECHO_CHANNEL, encode_echo(0))  # so that a silent vehicle shows that it is there
 
 
 class QueuedPacket:
@@ -110,7 +106,7 @@ class _ThreadedLink(Link):
         super().__init__(uri)
         self._closed = False
         self._arrived: queue.SimpleQueue[Arrived] = queue.SimpleQueue()
-        self._leaving: queue.Queue[QueuedPacket | None] = queue.Queue(_LONGEST_QUEUE)
+        self._leaving: queue.Queue[QueuedPacket | None] = queue.Queue(64)
         self._wake: Callable[[], None] = lambda: None
         try:
             self._carrier = self._opened(uri)
@@ -154,7 +150,7 @@ class _ThreadedLink(Link):
         closing = threading.Thread(target=self._carrier.close, daemon=True)
         closing.start()
         for thread in (closing, *self._threads):
-            thread.join(_CLOSE_S)
+            thread.join(2.5)
 
     def _opened(self, uri: str) -> "_Datagrams | Driver":
         if uri.startswith("udp://"):
@@ -168,7 +164,7 @@ class _ThreadedLink(Link):
         sent_s = time.monotonic()
         while not self._closed:
             try:
-                leaving = self._leaving.get(timeout=max(sent_s + _ECHO_EVERY_S - time.monotonic(), 0.0))
+                leaving = self._leaving.get(timeout=max(sent_s + 0.1 - time.monotonic(), 0.0))
             except queue.Empty:
                 leaving, sent_s = QueuedPacket(_ECHO), time.monotonic()
             if leaving is None or self._closed:
@@ -186,7 +182,7 @@ class _ThreadedLink(Link):
             except OSError as error:
                 if not self._closed:
                     self._fail(str(error))
-                time.sleep(_LOOK_S)
+                time.sleep(0.2)
                 continue
             if arrived is not None and not self._closed:
                 self.received_s = arrived[1]

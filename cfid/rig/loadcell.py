@@ -24,18 +24,12 @@ from cfid.wire.rdt_status import read_status
 COLUMNS = ("t", "Fx", "Fy", "Fz", "Tx", "Ty", "Tz", "rdt_sequence", "ft_sequence", "status")
 RECEIVE_BUFFER_BYTES = 4 << 20  # 1.4 s of single records at 7 kHz; the usual buffer holds 37 ms
 
-_BIAS_TRIES, _BIAS_TAKES_S = 3, 0.1
-_BUFFERED_S = 0.02  # how long a box may keep records back to fill a datagram
 
 _SILENT_S = 1.0  # without a record: then the stream is requested again
 _BROKEN_S = 0.4  # without a record while motors run, after which they are stopped
 _ABSENT_S = 3.0  # of silence at the start, after which the stream is given up
 _DEAD_S = 10.0  # of silence later on, which leaves time to plug a cable in again
-_QUIET_S = 0.03  # without a datagram, after which the box has stopped: a full buffer takes 20 ms
 _STOPS = 5
-_LONGEST_STOP_S = 1.4
-_ANOTHER_COUNT_S = 0.2  # between a record's arrival and the time of its count: the box started a new one
-_RESOLUTION_S = 1e-6  # of the time column
 
 
 def resolved(box: LoadCellBox, hardware: Hardware) -> LoadCellBox:
@@ -98,9 +92,9 @@ async def take_bias(box: LoadCellBox, hardware: Hardware) -> bool:
     before = read_settings(box, hardware).bias
     port = hardware.datagrams((box.address, box.rdt_port), lambda *_: None)
     try:
-        for _ in range(_BIAS_TRIES):
+        for _ in range(3):
             port.send(rdt.encode_request(rdt.Request(rdt.Command.BIAS)))
-            await hardware.sleep(_BIAS_TAKES_S)
+            await hardware.sleep(0.1)
             if read_settings(box, hardware).bias != before:
                 return True
     finally:
@@ -110,7 +104,7 @@ async def take_bias(box: LoadCellBox, hardware: Hardware) -> bool:
 
 def buffer_size(rate_hz: float) -> int:
     """Return how many records a datagram should hold, so that none waits long in the box."""
-    return max(1, min(40, round(rate_hz * _BUFFERED_S)))
+    return max(1, min(40, round(rate_hz * 0.02)))
 
 
 def read_once(box: LoadCellBox, hardware: Hardware) -> netft.LoadReading:
@@ -291,8 +285,9 @@ class LoadCell(Instrument):
 
     async def _quieten(self) -> None:
         """Ask the box to stop, at least twice, until it has been silent for the time of two datagrams."""
-        needed_s = max(_QUIET_S, 2 * self._datagram_s)
-        every_s = min(needed_s, _LONGEST_STOP_S / _STOPS)
+        # A full buffer takes the box 20 ms.
+        needed_s = max(0.03, 2 * self._datagram_s)
+        every_s = min(needed_s, 1.4 / _STOPS)
         quiet_s = 0.0
         for request in range(_STOPS):
             arrived = len(self._inbox.ends)
@@ -375,7 +370,7 @@ class LoadCell(Instrument):
         """Begin anew with a count that contradicts the arrivals; else count what the box took before a new request."""
         assert self._samples is not None and self._order.step is not None
         record, at_s = (arrived[0], arrival_s[0]) if len(arrived) else (-1, self._hardware.seconds())
-        if abs(at_s - self._samples.predicted_s(int(records["ft_sequence"][record]))) > _ANOTHER_COUNT_S:
+        if abs(at_s - self._samples.predicted_s(int(records["ft_sequence"][record]))) > 0.2:
             self._samples.restart()
             reason = "the box was restarted"
         elif self._is_first:
@@ -395,7 +390,7 @@ class LoadCell(Instrument):
             records["ft_sequence"], arrived=arrived, arrival_s=arrival_s, read_s=self._hardware.seconds()
         )
         if instants_s[0] <= self._last_s:  # the anchor after a restart may lie before the end of the gap
-            instants_s = instants_s + (self._last_s + _RESOLUTION_S - instants_s[0])
+            instants_s = instants_s + (self._last_s + 1e-6 - instants_s[0])
         self._last_s = float(instants_s[-1])
         return instants_s
 

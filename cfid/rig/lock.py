@@ -33,7 +33,6 @@ _PROCESSES = Path("/proc")
 _CREDENTIALS = struct.Struct("3i")  # process, user and group of a peer
 _START_FIELD = 19  # of /proc/PID/stat, counted from the state after the name
 _SHOWN_CHARACTERS = 40
-_POLL_S = 0.01
 
 _DEFAULT_CHANNEL, _DEFAULT_RATE, _DEFAULT_ADDRESS = "2", "2M", "E7E7E7E7E7"
 _RATES = ("250K", "1M", "2M")
@@ -100,7 +99,7 @@ class Holder:
         while self.holds:
             if time.monotonic() > end_s:
                 return False
-            time.sleep(_POLL_S)
+            time.sleep(0.01)
         return True
 
 

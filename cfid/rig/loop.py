@@ -17,17 +17,14 @@ Result = TypeVar("Result")
 
 # A program that is killed or suspended leaves motors running. So every signal that does either and can be caught
 # requests the end, except those of a processor fault, after which no handler of Python's would run.
-_UNCATCHABLE = {"SIGKILL", "SIGSTOP"}
-_FAULTS = {"SIGSEGV", "SIGBUS", "SIGFPE", "SIGILL"}
-_HARMLESS = {"SIGCHLD", "SIGCLD", "SIGCONT", "SIGURG", "SIGWINCH", "SIGINFO"}
-_LEFT_ALONE = {int(getattr(signal, n)) for n in _UNCATCHABLE | _FAULTS | _HARMLESS if hasattr(signal, n)}
-_TYPED = {int(getattr(signal, name)) for name in ("SIGINT", "SIGQUIT") if hasattr(signal, name)}
-ENDING_SIGNALS = tuple(sorted(set(map(int, signal.valid_signals())) - _LEFT_ALONE))
-
-_FEWEST_PROCESSORS = 2  # for a loop that runs ahead of other programs
+_UNCATCHABLE = {signal.SIGKILL, signal.SIGSTOP}
+_FAULTS = {signal.SIGSEGV, signal.SIGBUS, signal.SIGFPE, signal.SIGILL}
+_HARMLESS = {signal.SIGCHLD, signal.SIGCONT, signal.SIGURG, signal.SIGWINCH}
+_TYPED = {signal.SIGINT, signal.SIGQUIT}
+ENDING_SIGNALS = tuple(sorted(map(int, signal.valid_signals() - _UNCATCHABLE - _FAULTS - _HARMLESS)))
 
 # A background job that touches its terminal gets these each time it tries again, until it ignores them.
-_REPEATED = {int(getattr(signal, name)) for name in ("SIGTTIN", "SIGTTOU") if hasattr(signal, name)}
+_REPEATED = {signal.SIGTTIN, signal.SIGTTOU}
 
 
 class Loop(SelectReactor):
@@ -197,7 +194,7 @@ def _went_ahead() -> "tuple[int, os.sched_param] | None":
     """Go ahead of programs that compute; return the scheduling until then, None where going ahead is not granted."""
     try:
         usual = os.sched_getscheduler(0), os.sched_getparam(0)
-        if len(os.sched_getaffinity(0)) < _FEWEST_PROCESSORS:
+        if len(os.sched_getaffinity(0)) < 2:
             return None
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(os.sched_get_priority_min(os.SCHED_RR)))
     except (AttributeError, OSError):  # not on this system, or not for this user

@@ -24,9 +24,6 @@ from cfid.units import MOTORS
 from cfid.wire.crtp import Variable
 from cfid.wire.supervisor import RELAX_SETPOINT
 
-_EACH = 1  # value of motorPowerSet.enable
-_RELAXED = 3  # times, since the vehicle does not answer this packet
-
 
 class StockMotors:
     """The four motors behind the parameters motorPowerSet."""
@@ -54,9 +51,10 @@ class StockMotors:
             if before is None or commands[place] != before[place]:
                 await self._write(parameter, commands[place])
         if commands != STILL and (before is None or before == STILL):
-            for _ in range(_RELAXED):
+            # The vehicle does not answer this packet.
+            for _ in range(3):
                 self._vehicle.link.send(RELAX_SETPOINT)
-            await self._write(self._parameters.enable, _EACH)
+            await self._write(self._parameters.enable, 1)
         self._commands = commands
         self._vehicle.expected = (commands, commands)
         return began_s

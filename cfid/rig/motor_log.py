@@ -20,11 +20,8 @@ from cfid.wire.supervisor import Bits, encode_arming
 APPLIED = tuple(f"motor.m{motor}" for motor in MOTORS)  # the commands that finally reach the motors
 
 _READY_S = 0.3  # in which a disarmed brushed vehicle is ready again, and another program may go on
-_LOOK_S, _LOOK_MS, _ROW_S = 0.12, 10, 0.5  # a client that flies sends a setpoint every 0.1 s or more often
+_LOOK_S, _ROW_S = 0.12, 0.5  # a client that flies sends a setpoint every 0.1 s or more often
 _RESOLUTION = 256  # of brushed motors
-_LASTS_S = 0.1
-_STOPPED_S = 0.6  # until then a vehicle that stopped its motors has reported why
-_FORGOTTEN_S = 1.5
 
 
 class MotorWatch:
@@ -41,7 +38,7 @@ class MotorWatch:
     def take(self, arrived_s: float, row: Mapping[str, float]) -> None:
         """Take a row and when it arrived; where it lacks a motor, nothing can be compared."""
         applied, expected = [row.get(name, math.nan) for name in APPLIED], self._vehicle.expected
-        if expected != self._compared or arrived_s - self._last_s > _FORGOTTEN_S:
+        if expected != self._compared or arrived_s - self._last_s > 1.5:
             self._compared, self._first_s = expected, math.inf
         if expected is None or self._naming is not None:
             return
@@ -51,7 +48,8 @@ class MotorWatch:
             return
         self._first_s, self._last_s = min(self._first_s, arrived_s), arrived_s
         stopped = not _beyond(STILL, applied, self._idle_thrust)
-        if arrived_s - self._first_s >= (_STOPPED_S if stopped else _LASTS_S):
+        # A vehicle that stopped its motors reports why within 0.6 s.
+        if arrived_s - self._first_s >= (0.6 if stopped else 0.1):
             self._naming = Deferred.fromCoroutine(self._name(applied))
             self._naming.addErrback(lambda failure: failure.trap(DeviceError))  # a lost link is reported by others
 
@@ -133,7 +131,7 @@ async def _applied(vehicle: Vehicle, *, for_s: float = _LOOK_S) -> list[float]:
     block = LogBlock(vehicle, APPLIED)
     largest = [0.0] * len(APPLIED)
     try:
-        await block.start(_LOOK_MS)
+        await block.start(10)
         end_s = vehicle.hardware.seconds() + for_s
         while vehicle.hardware.seconds() < end_s:
             row = await vehicle.next((LOG_PORT, LOG_DATA_CHANNEL), block.row, within_s=_ROW_S)

@@ -12,8 +12,6 @@ from cfid.wire import app, crtp
 from cfid.wire.app import PingChannel
 from cfid.wire.crtp import Packet
 
-_LOST_S = 1.0  # without an answer: seventeen times the thesis' mean
-
 
 class Pings(Instrument):
     """A row for each answer: `t` when the ping left, the round trip, and the vehicle's time where it reports one."""
@@ -52,7 +50,8 @@ class Pings(Instrument):
                 vehicle_us.append(time_us)
             return True if time_us is not None else None
 
-        times_s = await self._vehicle.times_of_answer(request, own, within_s=_LOST_S)
+        # The thesis' mean is a seventeenth of this.
+        times_s = await self._vehicle.times_of_answer(request, own, within_s=1.0)
         if times_s is None:
             self._lost += 1
             return None

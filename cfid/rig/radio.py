@@ -15,8 +15,6 @@ from cflib.crtp.usbdriver import UsbDriver
 from cfid.errors import DeviceError
 from cfid.wire.crtp import Packet
 
-_LOOK_S = 0.2
-
 
 class Driver:
     """An open driver of cflib; `failed` is called with the reason when it loses its radio or its vehicle."""
@@ -38,7 +36,7 @@ class Driver:
 
     def receive(self) -> tuple[Packet, float] | None:
         """Wait for a packet; return it with its time on the monotonic clock, None when none came for a while."""
-        came = self._driver.receive_packet(_LOOK_S)
+        came = self._driver.receive_packet(0.2)
         if came is None:
             return None
         return Packet(came.port, came.channel, bytes(came.data)), getattr(came, "arrived_s", time.monotonic())

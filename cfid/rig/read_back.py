@@ -11,9 +11,6 @@ from cfid.rig.vehicle import Vehicle, asked
 from cfid.wire.app import AppPorts
 from cfid.wire.supervisor import VehicleState, encode_arming
 
-_DISARMED_S = 1.0
-_LOOK_S = 0.05  # a little longer than the supervisor takes to update
-
 
 def confirm_stop(uri: str, ports: AppPorts, hardware: Hardware, acknowledged: Acknowledged | None) -> Stopped:
     """Read back that nothing drives the motors, and disarm a vehicle whose rotors idle.
@@ -51,10 +48,11 @@ async def _confirmed(vehicle: Vehicle, kind: Kind) -> VehicleState | None:
 
 async def _disarmed(vehicle: Vehicle) -> VehicleState | None:
     """Return the vehicle's state, after disarming it where its rotors would idle otherwise."""
-    end_s = vehicle.hardware.seconds() + _DISARMED_S
+    end_s = vehicle.hardware.seconds() + 1.0
     while (state := await present_state(vehicle)) is not None and state.armed and not state.arms_itself:
         if vehicle.hardware.seconds() > end_s:
             raise StopError(f"{MAY_BE_RUNNING}: {vehicle.uri}: the vehicle was not seen disarmed: its rotors may idle.")
         vehicle.link.send(encode_arming(arm=False, protocol=vehicle.link.firmware_protocol))
-        await vehicle.hardware.sleep(_LOOK_S)
+        # This is a little longer than the supervisor takes to update.
+        await vehicle.hardware.sleep(0.05)
     return state

@@ -32,7 +32,6 @@ INERTIAL = tuple(f"{sensor}.{axis}" for sensor in ("gyro", "acc") for axis in "x
 IDLE_THRUST = "powerDist.idleThrust"
 OBEYS_SINCE = 10  # version of the protocol; of its two releases, the app compiles only with the one that obeys
 USUAL_MS = 10
-_TRIES = 5
 NO_APP = "a sine is played on board: this needs cfid's app on the vehicle (firmware_patches/README.md explains how)."
 
 
@@ -194,7 +193,7 @@ async def state_and_idle(vehicle: Vehicle) -> tuple[VehicleState | None, int]:
     parameter = vehicle.link.parameter(IDLE_THRUST)
     if state is None or state.arms_itself or parameter is None:
         return state, 0
-    idle_thrust = await vehicle.read_parameter(parameter, tries=_TRIES)
+    idle_thrust = await vehicle.read_parameter(parameter, tries=5)
     if idle_thrust is None:
         raise DeviceError(f"{vehicle.uri}: the vehicle did not report {IDLE_THRUST}: the link loses packets.")
     return state, int(idle_thrust)

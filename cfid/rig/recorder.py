@@ -20,7 +20,6 @@ from cfid.rig.progress import Progress
 
 BLOCK_S = 0.05
 SYNC_S = 1.0
-_LONGEST_SLEEP_S = 0.5
 
 Notice = Callable[[str, Sequence[Any]], None]  # examines an instrument's new rows
 
@@ -172,7 +171,7 @@ class Recorder:
     def _check_awake(self) -> None:
         """Raise DeviceError after a suspend, which times of samples leave out while motion goes on."""
         slept_s = self._hardware.suspended_s() - self._suspended_s
-        if slept_s > _LONGEST_SLEEP_S:
+        if slept_s > 0.5:
             raise DeviceError(
                 f"the computer was suspended for {slept_s:.1f} s during the recording, and no sample was taken then: "
                 "the rows until then are kept. Keep the computer awake while it records."

@@ -59,7 +59,7 @@ def published(folder: Path, devices: Devices, *, seed: int) -> Iterator[Path]:
     content = {"process": os.getpid(), "seed": seed, "devices": devices.model_dump(mode="json", exclude_none=True)}
     try:
         write_toml(path, content)
-        handle = _held(path)
+        handle = _locked(path, fcntl.LOCK_EX)
     except OSError as error:
         raise ConfigError(f"{path}: cannot be written: {error.strerror}.") from None
     try:
@@ -70,23 +70,21 @@ def published(folder: Path, devices: Devices, *, seed: int) -> Iterator[Path]:
         os.close(handle)
 
 
-def _held(path: Path) -> int:
-    """Open and lock the file: the lock ends with its process, however that ends."""
-    handle = os.open(path, os.O_RDWR)
-    fcntl.flock(handle, fcntl.LOCK_EX)
-    return handle
-
-
 def _is_held(path: Path) -> bool:
     """Return whether a process has locked the file."""
     try:
-        handle = os.open(path, os.O_RDWR)
-    except OSError:
-        return False
-    try:
-        fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except OSError:
-        return True
-    finally:
-        os.close(handle)
+        os.close(_locked(path, fcntl.LOCK_SH | fcntl.LOCK_NB))
+    except OSError as error:
+        return isinstance(error, BlockingIOError)
     return False
+
+
+def _locked(path: Path, kind: int) -> int:
+    """Open and lock the file: the lock ends with its process, however that ends."""
+    handle = os.open(path, os.O_RDWR)
+    try:
+        fcntl.flock(handle, kind)
+    except OSError:
+        os.close(handle)
+        raise
+    return handle

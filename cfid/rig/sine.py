@@ -16,10 +16,7 @@ from cfid.rig.vehicle import Vehicle
 from cfid.wire import app
 from cfid.wire.app import AppOutcome, Done, SineChannel, SineRequest
 
-_FIRST_REPORT_S = 1.0  # within which the report of the first sample comes
 _DONE_AFTER_S = 1.0  # from the motors' stop to the byte that reports the end (C.2.4)
-_DONE_LATE_S = 0.5  # how late that byte may be
-_MARGIN_S = 2.0  # for the link, and for a vehicle whose clock runs slow
 _NUMBERS = 1 << 16  # of reports, after which they start anew
 _OUTCOMES: Mapping[int | None, str] = {
     AppOutcome.FINISHED: "played to its end",
@@ -66,8 +63,9 @@ class Crossings(Instrument):
         self._started, self._done, self._samples = True, Deferred(), request.samples
         await self._player.play(request)
         longest_s = lasts_s + _DONE_AFTER_S
-        silent = self._hardware.later(_FIRST_REPORT_S, self._check_begun)
-        late = self._hardware.later(1.1 * longest_s + _MARGIN_S, self._complain, "no report of its end arrived")
+        silent = self._hardware.later(1.0, self._check_begun)
+        # The link may be slow, and so may the clock of a vehicle.
+        late = self._hardware.later(1.1 * longest_s + 2.0, self._complain, "no report of its end arrived")
         try:
             done = await self._done
         finally:
@@ -133,7 +131,7 @@ class Crossings(Instrument):
             return
         self._ended = True
         if self._done is not None:  # the motors are off; the byte `a` may be lost
-            self._hardware.later(_DONE_AFTER_S + _DONE_LATE_S, self._finish, self._done, Done(None, crossing.sample))
+            self._hardware.later(_DONE_AFTER_S + 0.5, self._finish, self._done, Done(None, crossing.sample))
 
     def _take_done(self, payload: bytes, arrived_s: float) -> None:
         if not self._started:  # of an earlier sine

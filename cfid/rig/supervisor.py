@@ -30,14 +30,9 @@ from cfid.wire.supervisor import (
 )
 
 EVERY_S = 0.05  # the supervisor itself updates every 0.04 s
-_QUIET_S = 0.3  # without a logged state: the log was reset
 _ASK_S, _TRIES = 0.1, 5
-_PRESENT_S = 1.0
-_AGAIN_S = 0.02
 _BACK_S = 1.0  # a vehicle is ready again within 0.16 s of a timeout
 _SPIN_UP_S = 2.5  # the firmware gives rotors 2 s to reach their idle speed
-_DISARMED_S = 0.6
-_UNANSWERED = 20  # polls in a row, so that a link has to lose nearly everything for a second
 
 
 class Supervisor:
@@ -71,7 +66,7 @@ class Supervisor:
             self._vehicle.link.send(ASK_STATE)
             return
         quiet_s = self._vehicle.hardware.seconds() - max(self._logged_s, self.seen_s)
-        if self._is_logged and self._beginning.called and quiet_s > _QUIET_S:
+        if self._is_logged and self._beginning.called and quiet_s > 0.3:  # the log was reset
             self._beginning = Deferred.fromCoroutine(self._log_state())
             self._beginning.addErrback(lambda failure: failure.trap(DeviceError, CancelledError))
 
@@ -96,7 +91,7 @@ class Supervisor:
         begun_s = self._vehicle.hardware.seconds()
         while self.reports:
             self.ask()
-            await self._vehicle.hardware.sleep(_AGAIN_S)
+            await self._vehicle.hardware.sleep(0.02)
             if self.seen_s > begun_s and self.state is not None and holds(self.state):
                 return self.state
             if self._vehicle.hardware.seconds() - begun_s > within_s:
@@ -134,7 +129,7 @@ class Supervisor:
 
     async def confirm_disarmed(self) -> bool:
         """Return whether the vehicle is disarmed, or need not be: it arms itself, or reports no state."""
-        await self.wait(lambda state: state.arms_itself or not state.armed, within_s=_DISARMED_S)
+        await self.wait(lambda state: state.arms_itself or not state.armed, within_s=0.6)
         return self.state is None or self.state.arms_itself or not self.state.armed
 
     def _obstacle(self) -> str:
@@ -177,7 +172,7 @@ async def present_state(vehicle: Vehicle) -> VehicleState | None:
     """Return the state of a vehicle, None where the firmware reports none. Raises DeviceError without an answer."""
     supervisor = Supervisor(vehicle)
     try:
-        state = await supervisor.wait(lambda _: True, within_s=_PRESENT_S)
+        state = await supervisor.wait(lambda _: True, within_s=1.0)
     finally:
         await supervisor.close()
     if state is None and supervisor.reports:
@@ -251,7 +246,8 @@ class SupervisorLog(Instrument):
         state, uri = self._supervisor.state, self._vehicle.uri
         if state is not None and state.remedy:
             return f"{uri}: the vehicle is {state.name}: {state.remedy}."
-        if not self._supervisor.reports or self._unanswered <= _UNANSWERED:
+        # A link has to lose nearly every poll of a second.
+        if not self._supervisor.reports or self._unanswered <= 20:
             return ""
         unreported_s = EVERY_S * self._unanswered
         return f"{uri}: the vehicle has not reported its state for {unreported_s:.1f} s: does another program use it?"

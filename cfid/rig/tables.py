@@ -21,7 +21,6 @@ OLDEST_PROTOCOL = 4  # from 2018 on: the first with 16-bit tables
 _PROTOCOL = b"\0"  # a question about versions
 _ANSWER_S, _TRIES = 0.1, 20
 _CONNECT_S = 30.0  # tables of a real vehicle come in a second
-_AT_ONCE = 8  # requests for entries; a radio link holds some more
 
 
 def connect(uri: str, hardware: Hardware) -> Vehicle:
@@ -98,7 +97,8 @@ async def _table(link: Link, vehicle: Vehicle, port: int, end_s: float) -> Mappi
 async def _entries(link: Link, vehicle: Vehicle, port: int, info: TableInfo, end_s: float) -> Mapping[str, Variable]:
     """Read all entries, several at once, and those again whose request or answer was lost."""
     entries: dict[int, tuple[str, Variable]] = {}
-    while missing := [number for number in range(info.size) if number not in entries][:_AT_ONCE]:
+    # A radio link holds some more requests than these.
+    while missing := [number for number in range(info.size) if number not in entries][:8]:
 
         def came(payload: bytes, missing: list[int] = missing) -> bool | None:
             entry = crtp.decode_table_entry(port, payload)

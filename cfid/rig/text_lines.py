@@ -11,6 +11,7 @@ from cfid.counted import counted
 from cfid.errors import ConfigError, DeviceError
 from cfid.records.rig_file import EncoderLines, LineDevice
 from cfid.records.run import DeviceRecord
+from cfid.rig.clock import unwrapped
 from cfid.rig.hardware import Hardware, SerialPort
 from cfid.rig.instrument import Block, PortInstrument, Say
 from cfid.rig.lock import DeviceLock
@@ -90,7 +91,7 @@ class TextLines(PortInstrument):
         self._kept = self._counted = 0  # kept: rows after the first
         self._sent = 0.0  # lines after the first, by the device's clock, or by times of arrival and the stated rate
         self._clock_s = 0.0  # since the first row, by the device's clock or by times of arrival
-        self._ticks = 0  # of the device's clock, unwrapped
+        self._ticks: int | None = None  # of the device's clock, unwrapped
         self._begin(hardware, period_s=1 / self._setting.rate_hz)
 
     def _open(self) -> SerialPort:
@@ -128,7 +129,9 @@ class TextLines(PortInstrument):
             *measured,
         ]
         if (stamp := setting.stamp) is not None:
-            columns.append(self._unwrapped(numbers[stamp.name]) * round(setting.factor(stamp)))
+            ticks = unwrapped(np.rint(numbers[stamp.name]).astype(np.int64), self._ticks)
+            self._ticks = int(ticks[-1])
+            columns.append(ticks * round(setting.factor(stamp)))
         return Block(columns, self._newly_lost())
 
     async def stop(self) -> None:
@@ -195,16 +198,6 @@ class TextLines(PortInstrument):
         step_s = self._tick_s * ((ticks + _WRAP // 2) % _WRAP - _WRAP // 2)
         # A clock may have advanced more than this computer's by two seconds, where a line that came late lies before.
         return step_s if 0 <= step_s < (1 + _UNLIKE) * elapsed_s + 2.0 else None
-
-    def _unwrapped(self, stamps: tuple[float, ...]) -> npt.NDArray[np.int64]:
-        """Continue a 32-bit clock (n,)."""
-        ticks = np.array([round(stamp) for stamp in stamps], dtype=np.int64)
-        steps = (np.diff(ticks, prepend=self._ticks % _WRAP) + _WRAP // 2) % _WRAP - _WRAP // 2
-        if not self._ticks:
-            steps[0] = ticks[0]
-        continued = self._ticks + np.cumsum(steps)
-        self._ticks = int(continued[-1])
-        return np.asarray(continued)
 
     def _newly_lost(self) -> int | None:
         """Return the lines lost since the last block; None where more came than the stated rate allows."""

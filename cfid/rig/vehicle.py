@@ -41,10 +41,7 @@ BATTERY = "pm.vbat"
 ANSWER_S = 0.15
 TRIES = 3
 
-_MOST_BLOCKS = 16  # that firmware keeps at the same time
-_LOG_ANSWER_S = 0.1
-_LOG_TRIES, _TRIES_TO_DELETE = 10, 3  # so that a block is created over a link that loses every fifth packet
-_SINGLE_MS = 20
+_LOG_TRIES = 10  # so that a block is created over a link that loses every fifth packet
 _ROW_S = 0.5
 
 _FIRST_BLOCK, _BLOCKS = 128, 128  # numbers of log blocks; clients that use cflib number theirs from 1
@@ -202,7 +199,8 @@ class LogBlock:
 
     async def start(self, period_ms: int) -> None:
         """Create the block and begin its rows. Raises DeviceError when the vehicle refuses, or does not answer."""
-        for _ in range(_MOST_BLOCKS + 1):
+        # Firmware keeps sixteen blocks at the same time.
+        for _ in range(17):
             number = self._vehicle.new_block()
             error = await self._command(crtp.encode_create_log(number, self.variables))
             if error != errno.EEXIST:  # of another program, or created by a request whose answer was lost
@@ -228,7 +226,7 @@ class LogBlock:
         number, self._number = self._number, None
         if number is not None and not self._vehicle.link.fault:
             for end in (crtp.encode_stop_log(number), crtp.encode_delete_log(number)):
-                if await self._command(end, tries=_TRIES_TO_DELETE) is None:
+                if await self._command(end, tries=3) is None:
                     return
 
     async def _command(self, payload: bytes, *, tries: int = _LOG_TRIES) -> int | None:
@@ -239,7 +237,7 @@ class LogBlock:
             return read.error if read and (read.command, read.block) == (payload[0], payload[1]) else None
 
         request = Packet(LOG_PORT, LOG_CONTROL_CHANNEL, payload)
-        return await self._vehicle.ask(request, error, within_s=_LOG_ANSWER_S, tries=tries)
+        return await self._vehicle.ask(request, error, within_s=0.1, tries=tries)
 
     def _check(self, error: int | None) -> None:
         if error != 0:
@@ -251,7 +249,7 @@ async def logged(vehicle: Vehicle, names: Sequence[str]) -> tuple[float, ...]:
     """Return the present values of log variables, all of one moment. Raises DeviceError when no row arrives."""
     block = LogBlock(vehicle, names)
     try:
-        await block.start(_SINGLE_MS)
+        await block.start(20)
         row = await vehicle.next((LOG_PORT, LOG_DATA_CHANNEL), block.row, within_s=_ROW_S)
     finally:
         await block.delete()

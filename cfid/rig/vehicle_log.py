@@ -16,11 +16,6 @@ from cfid.rig.progress import Reading
 from cfid.rig.vehicle import BATTERY, LogBlock, Vehicle
 from cfid.wire.crtp import LOG_DATA_CHANNEL, LOG_PORT, Variable
 
-_WRAP_MS = 1 << 24
-_SILENT_S = 0.5  # without a row
-_ABSENT_S = 3.0  # without a row of a log without battery, as for an encoder
-_LOW_FOR_S = 0.5  # a start of the motors pulls the voltage down for a moment
-
 
 class CrazyflieLog(Instrument):
     """One log block of the vehicle; `t` is when a row arrived, `vehicle_ms` when the vehicle made it (it wraps)."""
@@ -125,16 +120,15 @@ class CrazyflieLog(Instrument):
         return np.array(values, dtype=np.int64)
 
     def _missing(self, stamps_ms: Any) -> int:
-        before = [self._last_ms, *stamps_ms[:-1]] if self._last_ms is not None else list(stamps_ms[:-1])
-        after = stamps_ms[-len(before) :] if before else []
+        begin_ms = stamps_ms[0] if self._last_ms is None else self._last_ms
+        steps = np.rint(np.diff(stamps_ms, prepend=begin_ms) % (1 << 24) / self._period_ms)
         self._last_ms = int(stamps_ms[-1])
-        steps = [round((late - early) % _WRAP_MS / self._period_ms) for early, late in zip(before, after, strict=True)]
-        return sum(max(step - 1, 0) for step in steps)
+        return int(np.maximum(steps - 1, 0).sum())
 
     def _watch(self) -> None:
         """Raise DeviceError when rows, and the voltage in them, stop coming: another client may have reset the log."""
         monitored = BATTERY in self._names
-        if self._streaming and self._silence.exceeds(_SILENT_S if monitored else _ABSENT_S):
+        if self._streaming and self._silence.exceeds(0.5 if monitored else 3.0):
             consequence = ", so its battery is not monitored" if monitored else ""
             raise DeviceError(
                 f"{self._vehicle.uri}: no row of the vehicle's log for {self._silence.seconds:.1f} s{consequence}: "
@@ -150,7 +144,8 @@ class CrazyflieLog(Instrument):
             return ""
         if self._low_since_s is None:
             self._low_since_s = now_s
-        if now_s - self._low_since_s < _LOW_FOR_S:
+        # A start of the motors pulls the voltage down for a moment.
+        if now_s - self._low_since_s < 0.5:
             return ""
         self._low = (
             f"{self._vehicle.uri}: the battery is at {volts:.2f} V, below the {self._stop_below_v:g} V of "
