@@ -1,6 +1,5 @@
 """Checks each device's identity and settings, and reports what is wrong and what to do; changes no setting."""
 
-from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -44,10 +43,6 @@ _LOOK_EVERY_S = 0.02
 _FIRST_S = 4.0  # until the first line: a board that restarts when its port is opened takes two seconds
 _OFF = 0.1  # tolerance, as a fraction of the rate that rig.toml states
 
-_FOUND = {
-    "app": "cfid's app: thrust, sine, ping, and motors that stop when the link is lost",
-    "stock": "stock firmware: thrust by parameters, ping by echo, no sine",
-}
 _NEWEST_PROTOCOL = 12  # of release 2026.08, with which cfid was tried
 _NAMES: dict[Platform, tuple[str, ...]] = {
     "cf2": ("Crazyflie 2.0", "Crazyflie 2.1"),
@@ -244,7 +239,10 @@ def _listened(name: str, setting: LineDevice, hardware: Hardware) -> list[Device
         shown = f"{received} bytes, but no line that matches{f': {last!r}' if last else ''}"
         return [opened, DeviceAnswer("lines", "fault", shown, setting.unmatched(name))]
     rate = _rate(setting, len(readings), reader.rejected, for_s)
-    return [opened, rate, *_clock(setting, readings, for_s), *_resolutions(setting, readings)]
+    columns = dict(zip((value.name for value in setting.in_order()), np.array(readings).T, strict=True))
+    measured = [_resolution(setting, value, columns[value.name]) for value in setting.measured]
+    clock = [] if setting.stamp is None else [_clock(setting, setting.stamp, columns[setting.stamp.name], for_s)]
+    return [opened, rate, *clock, *measured]
 
 
 def _rate(setting: LineDevice, count: int, rejected: int, for_s: float) -> DeviceAnswer:
@@ -265,23 +263,14 @@ def _rate(setting: LineDevice, count: int, rejected: int, for_s: float) -> Devic
     return DeviceAnswer("lines", "ok", shown)
 
 
-def _clock(setting: LineDevice, readings: Sequence[tuple[float, ...]], for_s: float) -> list[DeviceAnswer]:
-    """Judge the rate of the device's own clock, if it sends one."""
-    stamp = setting.stamp
-    if stamp is None:
-        return []
-    ticks = np.array(readings)[:, setting.in_order().index(stamp)]
+def _clock(setting: LineDevice, stamp: LineValue, ticks: npt.NDArray[np.float64], for_s: float) -> DeviceAnswer:
+    """Judge the rate of the device's own clock."""
     gone_s = 1e-6 * setting.factor(stamp) * float(np.sum(np.diff(ticks) % (1 << 32)))
     shown = f"went {gone_s:.3g} s in {for_s:.3g} s"
     if abs(gone_s - for_s) > _OFF * for_s + 2 / setting.rate_hz:
         advice = "it counts another unit, stands, or is no clock: are there commas in numbers?"
-        return [DeviceAnswer(stamp.name, "warning", shown, advice)]
-    return [DeviceAnswer(stamp.name, "ok", shown)]
-
-
-def _resolutions(setting: LineDevice, readings: Sequence[tuple[float, ...]]) -> list[DeviceAnswer]:
-    columns = zip(setting.in_order(), np.array(readings).T, strict=True)
-    return [_resolution(setting, value, column) for value, column in columns if value in setting.measured]
+        return DeviceAnswer(stamp.name, "warning", shown, advice)
+    return DeviceAnswer(stamp.name, "ok", shown)
 
 
 def _resolution(setting: LineDevice, value: LineValue, numbers: npt.NDArray[np.float64]) -> DeviceAnswer:
@@ -414,10 +403,11 @@ async def _motors(
 
 
 def _firmware(firmware: Firmware) -> DeviceAnswer:
-    what = _FOUND[firmware.kind]
     if firmware.kind != "app":
+        what = "stock firmware: thrust by parameters, ping by echo, no sine"
         advice = "a lost link does not stop these motors; firmware_patches/README.md explains how to flash the app"
         return DeviceAnswer("motors", "warning", what, advice)
+    what = "cfid's app: thrust, sine, ping, and motors that stop when the link is lost"
     if firmware.knows_owners:
         return DeviceAnswer("motors", "ok", what)
     advice = "another program's keep-alives prolong this one's commands: flash the app that came with this cfid"
