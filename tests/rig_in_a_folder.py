@@ -34,8 +34,9 @@ from cfid.sim.faults import (
     LoadCellFaults,
 )
 from cfid.sim.loadcell import LoadCellTruth, SimulatedLoadCell
-from cfid.sim.netft import LOOPBACK, Address, BoxPorts, Datagram, NetFTBox, NetFTServer
+from cfid.sim.netft import Address, Datagram, NetFTBox
 from cfid.sim.pty import PtyPort
+from cfid.sim.service import LOOPBACK, BoxPorts, NetFTServer
 from cfid.wire.e201 import STOP_CONTINUOUS, VERSION
 from cfid.wire.rdt import Command as RdtCommand
 from cfid.wire.rdt import Request, encode_request
@@ -209,17 +210,6 @@ class Lab:
 
     def encoder_suffers(self, **faults: Any) -> None:
         self.encoder.faults = EncoderFaults(**faults)
-
-    def cut_power(self, for_s: float) -> None:
-        """Restart the box, which counts from zero afterwards."""
-
-        def cut() -> None:
-            now_s = self._reactor.seconds()
-            self.box.box.restart(now_s + for_s)
-            self.loadcell_suffers(restart_after_s=0, restart_for_s=1e9)
-            self._reactor.callLater(for_s, self.loadcell_suffers)
-
-        self.in_reactor(cut)
 
     def pull_plug(self) -> None:
         self.in_reactor(self.plug.close)

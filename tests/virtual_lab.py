@@ -204,9 +204,8 @@ class Lab:
 
     def cut_power(self, for_s: float) -> None:
         """Restart the box, which counts from zero afterwards."""
-        self.box.box.restart(self.hardware.seconds() + for_s)
-        self.loadcell_suffers(restart_after_s=0, restart_for_s=1e9)
-        self.hardware.at(for_s, self.loadcell_suffers)
+        elapsed_s = self.hardware.seconds() - STARTED_S
+        self.loadcell_suffers(restart_after_s=elapsed_s, restart_for_s=for_s)
 
     def pull_plug(self) -> None:
         self.hardware.ports[self.port].close()

@@ -3,12 +3,12 @@
 import math
 from collections.abc import Callable, Iterator
 from functools import lru_cache, partial
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BeforeValidator, Field
 
-from cfid.records.rig_file import Number, Spread
+from cfid.records.rig_file import Number, RigTable, Spread
 from cfid.sim.app_core import PING, SINE, THRUST, App, Orders, Seen
 from cfid.sim.crazyflie_services import (
     IDLE,
@@ -42,6 +42,8 @@ from cfid.wire.crtp import ECHO_PORT, LOG_DATA_CHANNEL, LOG_PORT, LONGEST_PAYLOA
 Platform = Literal["cf2", "cf21bl"]
 
 USUAL_PORTS = AppPorts()
+Leaving = tuple[float, bytes]  # when a packet leaves the vehicle, and its bytes
+
 PROTOCOL = 12  # of CRTP, release 2026.08
 BOOT_S = 1.0
 
@@ -73,15 +75,13 @@ def _current(firmware: object) -> object:
     return firmware
 
 
-class CrazyflieTruth(BaseModel):
+class CrazyflieTruth(RigTable):
     """Firmware `app` includes cfid's app, `stock` no addition.
 
     Platform `cf2` is a Crazyflie 2.x, `cf21bl` a Crazyflie 2.1 Brushless: its motors report their speeds, 0 below
     `stall_rpm`, have idle thrust, and run only while armed. An `rpm_deck` measures speeds too. The vehicle was switched
     on `powered_for_s` before the rig opened; its clock counts 1 + `clock_skew` microseconds in a true one.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     firmware: Annotated[Literal["app", "stock"], BeforeValidator(_current)] = "app"
     platform: Platform = "cf2"
@@ -94,13 +94,6 @@ class CrazyflieTruth(BaseModel):
     def brushless(self) -> bool:
         """Whether the motors are brushless."""
         return self.platform == "cf21bl"
-
-
-class LeavingPacket(NamedTuple):
-    """A packet, and when it leaves the vehicle."""
-
-    time_s: float
-    packet: bytes
 
 
 class Crazyflie:
@@ -171,18 +164,18 @@ class Crazyflie:
         """Return a parameter's number on the link."""
         return list(self._parameters).index(name)
 
-    def receive(self, datagram: bytes, now_s: float) -> list[LeavingPacket]:
+    def receive(self, datagram: bytes, now_s: float) -> list[Leaving]:
         """Take a packet of any bytes, and return the packets that leave up to now, its answers last."""
         sent = self.advance(now_s)
         packet = decode_packet(datagram)
         if packet is None or not self._on or now_s < self._ready_s:
             return sent
         self._received_s = now_s
-        return sent + [LeavingPacket(now_s, answer) for answer in self._answers(packet, datagram[0], now_s)]
+        return sent + [(now_s, answer) for answer in self._answers(packet, datagram[0], now_s)]
 
-    def advance(self, now_s: float) -> list[LeavingPacket]:
+    def advance(self, now_s: float) -> list[Leaving]:
         """Advance millisecond by millisecond up to now; return the packets that leave. Times must not decrease."""
-        sent: list[LeavingPacket] = []
+        sent: list[Leaving] = []
         last = int((now_s - self._powered_s) * _TICKS_PER_S + _SLACK)
         while self._on and self._ticks < last:
             if self._awake:
@@ -242,7 +235,7 @@ class Crazyflie:
     def _microseconds(self, now_s: float) -> int:
         return int((now_s - self._powered_s) * (1 + self._truth.clock_skew) * 1e6)
 
-    def _tick(self, now_s: float) -> Iterator[LeavingPacket]:
+    def _tick(self, now_s: float) -> Iterator[Leaving]:
         now_us = self._microseconds(now_s)
         self._propulsion.advance(now_s)
         self._supervise()
@@ -252,11 +245,11 @@ class Crazyflie:
         if any(self._motors) or orders.feeds or self._app.alive(now_us=now_us):
             self._stay_awake()
         for packet in self._app_packets():
-            yield LeavingPacket(now_s, packet)
+            yield now_s, packet
         if self._log.streaming and now_s - self._received_s > _CLIENT_GONE_S:
             self._log.reset()
         for row in self._log.due(self._ticks):
-            yield LeavingPacket(now_s, new_packet(LOG_PORT, LOG_DATA_CHANNEL, row))
+            yield now_s, new_packet(LOG_PORT, LOG_DATA_CHANNEL, row)
 
     def _supervise(self) -> None:
         """Advance the commander and the supervisor by this millisecond."""

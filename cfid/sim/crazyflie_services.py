@@ -377,17 +377,11 @@ class AbsentMemoryError(Exception):
     """A request for a memory that does not exist, on which the firmware fails an assertion."""
 
 
-class _Memory(NamedTuple):
-    """A kind, a size in bytes, and the function that reads an address."""
-
-    kind: int
-    size: int
-    read: Callable[[int], int]
-
-
 # Trajectories of the high-level commander, none of them set, and the memory tester, which returns each address.
 # Clients with all of cflib read this list before they count as connected.
-_MEMORIES = (_Memory(0x12, 4096, lambda address: 0), _Memory(0x15, 4096, lambda address: address & 0xFF))
+_TRAJECTORIES, _TESTER = 0x12, 0x15
+_MEMORIES = (_TRAJECTORIES, _TESTER)
+_MEMORY_BYTES = 4096
 
 
 def answer_memory(channel: int, payload: bytes) -> bytes | None:
@@ -395,20 +389,22 @@ def answer_memory(channel: int, payload: bytes) -> bytes | None:
     if channel == _INFO_CHANNEL and payload[:1] == bytes([_COUNT]):
         return bytes([_COUNT, len(_MEMORIES)])
     if channel == _INFO_CHANNEL and payload[:1] == bytes([_INFO]):
-        memory = _memory(payload[1:2])
-        return payload[:2].ljust(2, b"\0") + struct.pack("<BI", memory.kind, memory.size) + bytes(_SERIAL_BYTES)
+        kind = _memory(payload[1:2])
+        return payload[:2].ljust(2, b"\0") + struct.pack("<BI", kind, _MEMORY_BYTES) + bytes(_SERIAL_BYTES)
     if channel not in (_MEMORY_READ_CHANNEL, _MEMORY_WRITE_CHANNEL) or len(payload) <= _PLACE.size:
         return None
-    memory = _memory(payload)
+    kind = _memory(payload)
     if channel == _MEMORY_WRITE_CHANNEL:
         return payload[: _PLACE.size] + b"\0"  # nothing here reads it again
     address, count = _PLACE.unpack_from(payload)[1], payload[_PLACE.size]
-    within = address + count <= memory.size and count <= _LONGEST_READ
-    content = bytes(memory.read(address + offset) for offset in range(count)) if within else b""
-    return payload[: _PLACE.size] + bytes([0 if within else errno.EIO]) + content
+    if address + count > _MEMORY_BYTES or count > _LONGEST_READ:
+        return payload[: _PLACE.size] + bytes([errno.EIO])
+    content = bytes(place & 0xFF for place in range(address, address + count)) if kind == _TESTER else bytes(count)
+    return payload[: _PLACE.size] + b"\0" + content
 
 
-def _memory(payload: bytes) -> _Memory:
+def _memory(payload: bytes) -> int:
+    """Return the kind of the memory whose number a payload begins with."""
     number = payload[0] if payload else 0
     if number >= len(_MEMORIES):
         raise AbsentMemoryError(f"memory {number} of {len(_MEMORIES)}")

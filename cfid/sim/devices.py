@@ -19,7 +19,6 @@ from cfid.sim.faults import (
     SOUND_LOADCELL,
     CrazyflieFaults,
     EncoderFaults,
-    FaultyCrazyflie,
     FaultyE201,
     FaultyNetFT,
     LoadCellFaults,
@@ -27,7 +26,7 @@ from cfid.sim.faults import (
 )
 from cfid.sim.imu import Hanging, Imu
 from cfid.sim.lines import LineSender
-from cfid.sim.link import Radio
+from cfid.sim.link import Radio, VehicleLink
 from cfid.sim.loadcell import SimulatedLoadCell
 from cfid.sim.netft import NetFTBox
 from cfid.sim.plants import DroppingWeight
@@ -122,7 +121,7 @@ class SimulatedRig:
             on_motors=on_motors,
             imu=None if hangs is None else Imu(truth.imu, hangs, self._motion_at, imu_rng),
         )
-        self.crazyflie = FaultyCrazyflie(
+        self.crazyflie = VehicleLink(
             vehicle,
             self._propulsion,
             Radio(truth.radio, radio_rng),

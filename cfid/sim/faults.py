@@ -1,26 +1,22 @@
 """Injects faults into the simulated devices, between each device and its port; no port and no clock.
 
-Without them a rig is sound. `cfid rig sim --fault` and tests state them by device and name.
+Without them a rig is sound. `cfid rig sim --fault` and tests state them by device and name. Those of the vehicle and
+its link take effect in `cfid.sim.link`.
 """
 
-import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import Annotated, Protocol
+from collections import Counter
+from collections.abc import Sequence
+from typing import Annotated, Generic, Protocol, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import BeforeValidator, Field, ValidationError
 
 from cfid.errors import ConfigError
 from cfid.records.files import first_fault
-from cfid.sim.crazyflie import PROTOCOL, Crazyflie, LeavingPacket
+from cfid.records.rig_file import RigTable
 from cfid.sim.e201 import E201Device, Reply
-from cfid.sim.link import Radio, SentPing, VehicleLink
-from cfid.sim.netft import Address, Datagram, NetFTBox
-from cfid.sim.propulsion import Propulsion
+from cfid.sim.netft import DONE, Address, Datagram, NetFTBox
 from cfid.wire import e201
-from cfid.wire.app import AppState, Flags, PingChannel, encode_state
-from cfid.wire.crtp import PARAMETER_PORT, WRITE_CHANNEL, decode_packet
 from cfid.wire.rdt import RECORD_BYTES, Command, Request, decode_request, encode_request
 
 Count = Annotated[int, Field(ge=0)]
@@ -35,11 +31,7 @@ def _read_word(value: object) -> object:
         raise ValueError("should be a whole number") from None
 
 
-class _Faults(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class LoadCellFaults(_Faults):
+class LoadCellFaults(RigTable):
     """Faults of the box and its network; times are seconds since it was opened, 0 for a count means never.
 
     Every n-th datagram is dropped, duplicated, swapped with the next, or corrupted (cut short or one bit flipped, in
@@ -66,7 +58,7 @@ class LoadCellFaults(_Faults):
     saturate_after_s: Seconds | None = None
 
 
-class EncoderFaults(_Faults):
+class EncoderFaults(RigTable):
     """Faults of the encoder's interface and its cable; times are seconds since it was opened.
 
     Every n-th reply is dropped, or corrupted (bytes lost, its end lost, or junk put before it, in turn). `split`:
@@ -86,10 +78,10 @@ class EncoderFaults(_Faults):
     not_an_e201: bool = False
 
 
-class CrazyflieFaults(_Faults):
+class CrazyflieFaults(RigTable):
     """Faults of the vehicle and its link; times are seconds since it was opened.
 
-    Every n-th packet from the vehicle, or to it, is dropped. `silent`: no packet passes either way. `closed`: the port
+    Every n-th packet from the vehicle is dropped. `silent`: no packet passes either way. `closed`: the port
     is closed, while the vehicle goes on. `busy`: while one client is active, others are ignored. `tumble`: the vehicle
     turns by `tumble_deg`, 180 upside down, 90 on its side. `emergency`: an emergency stop. `low_battery`: the voltage
     falls to 2.9 V. `reboot`: the vehicle loses power for a moment. `protocol`: it speaks this version,
@@ -103,7 +95,6 @@ class CrazyflieFaults(_Faults):
     silent_for_s: Seconds | None = None
     closed_after_s: Seconds | None = None
     drop_every: Count = 0
-    drop_to_vehicle_every: Count = 0
     tumble_after_s: Seconds | None = None
     tumble_for_s: Seconds | None = None
     tumble_deg: Annotated[float, Field(ge=0, le=180)] = 180.0
@@ -122,18 +113,7 @@ SOUND_LOADCELL = LoadCellFaults()
 SOUND_ENCODER = EncoderFaults()
 SOUND_CRAZYFLIE = CrazyflieFaults()
 
-
-class _RigFaults(_Faults):
-    encoder: EncoderFaults
-    loadcell: LoadCellFaults
-    crazyflie: CrazyflieFaults
-
-
-_KNOWN = [
-    f"{device}.{fault}"
-    for device, kind in (("encoder", EncoderFaults), ("loadcell", LoadCellFaults), ("crazyflie", CrazyflieFaults))
-    for fault in kind.model_fields
-]
+Settings = TypeVar("Settings", EncoderFaults, LoadCellFaults, CrazyflieFaults)
 
 
 def parse_faults(arguments: Sequence[str]) -> tuple[EncoderFaults, LoadCellFaults, CrazyflieFaults]:
@@ -141,44 +121,85 @@ def parse_faults(arguments: Sequence[str]) -> tuple[EncoderFaults, LoadCellFault
 
     Raises ConfigError naming an unknown fault, with the known ones, or an invalid value.
     """
-    values: dict[str, dict[str, str]] = {"encoder": {}, "loadcell": {}, "crazyflie": {}}
+    kinds: dict[str, type[RigTable]] = {
+        "encoder": EncoderFaults,
+        "loadcell": LoadCellFaults,
+        "crazyflie": CrazyflieFaults,
+    }
+    known = [f"{device}.{fault}" for device, kind in kinds.items() for fault in kind.model_fields]
+    values: dict[str, dict[str, str]] = {device: {} for device in kinds}
     for argument in ",".join(arguments).split(",") if arguments else ():
         name, _, value = argument.partition("=")
-        if name not in _KNOWN:
-            raise ConfigError(f"{argument}: there is no fault '{name}'. Known faults: {', '.join(_KNOWN)}.")
+        if name not in known:
+            raise ConfigError(f"{argument}: there is no fault '{name}'. Known faults: {', '.join(known)}.")
         device, _, fault = name.partition(".")
         values[device][fault] = value
+    return (
+        _read(EncoderFaults, "encoder", values),
+        _read(LoadCellFaults, "loadcell", values),
+        _read(CrazyflieFaults, "crazyflie", values),
+    )
+
+
+def _read(kind: type[Settings], device: str, values: dict[str, dict[str, str]]) -> Settings:
     try:
-        faults = _RigFaults.model_validate(values)
+        return kind.model_validate(values[device])
     except ValidationError as error:
-        raise ConfigError(first_fault(error, values)) from None
-    return faults.encoder, faults.loadcell, faults.crazyflie
+        raise ConfigError(f"{device}.{first_fault(error, values[device])}") from None
 
 
-def _within(elapsed_s: float, after_s: float | None, for_s: float | None = None) -> bool:
-    """Return whether a fault that begins at `after_s` and lasts `for_s` (None: without end) is present now."""
-    return after_s is not None and after_s <= elapsed_s < (math.inf if for_s is None else after_s + for_s)
+class Faulty(Generic[Settings]):
+    """A device with its faults, whose times count from `opened_s`; others may be set at any time.
 
+    A fault F begins at `F_after_s` and lasts for `F_for_s` where it has that setting, else without end. `mishaps`
+    counts what every-n-th rules hit, by their names: for the box in records, else in messages.
+    """
 
-def _is_turn(number: int, every: int) -> bool:
-    return every > 0 and number % every == 0
+    def __init__(self, faults: Settings, *, opened_s: float) -> None:
+        """Begin without mishaps."""
+        self.faults: Settings = faults
+        self.mishaps: Counter[str] = Counter()
+        self._opened_s = opened_s
+        self._begun: set[tuple[str, float]] = set()
+
+    def present(self, fault: str, now_s: float) -> bool:
+        """Return whether a dated fault is present now."""
+        begin_s = getattr(self.faults, f"{fault}_after_s")
+        if begin_s is None or now_s - self._opened_s < begin_s:
+            return False
+        for_s = getattr(self.faults, f"{fault}_for_s", None)
+        return for_s is None or now_s - self._opened_s < begin_s + for_s
+
+    def begins(self, fault: str, now_s: float) -> bool:
+        """Return whether a dated fault is present now, and was not at the calls before."""
+        begin = fault, getattr(self.faults, f"{fault}_after_s")
+        if begin in self._begun or not self.present(fault, now_s):
+            return False
+        self._begun.add(begin)
+        return True
+
+    def turns(self, after_s: float, until_s: float) -> list[float]:
+        """Return the times between the two at which a dated fault begins or ends, in order."""
+        turns = []
+        for setting, begin_s in self.faults:
+            if setting.endswith("_after_s") and begin_s is not None:
+                for_s = getattr(self.faults, setting.replace("_after_s", "_for_s"), None)
+                turns += [begin_s] if for_s is None else [begin_s, begin_s + for_s]
+        return sorted(turn for turn in (self._opened_s + turn_s for turn_s in turns) if after_s < turn <= until_s)
+
+    def strikes(self, rule: str, number: int, amount: int = 1) -> bool:
+        """Return whether an every-n-th rule hits the message with this number, and if so count `amount` mishaps."""
+        every = getattr(self.faults, rule)
+        if not every or number % every:
+            return False
+        self.mishaps[rule] += amount
+        return True
 
 
 # The encoder
 
 _PIECES_APART_S = 3e-3
 _JUNK = b"\x00\xfe#"
-_STRANGER = b"Virtual ComPort V2.0\r"
-
-
-@dataclass
-class ReplyMishaps:
-    """Counts of replies by fault."""
-
-    dropped: int = 0
-    silenced: int = 0
-    garbled: int = 0
-    split: int = 0
 
 
 class SerialDevice(Protocol):
@@ -195,17 +216,15 @@ class SerialDevice(Protocol):
         """Return what the device sends unprompted up to now."""
 
 
-class FaultyE201:
+class FaultyE201(Faulty[EncoderFaults]):
     """The interface, or another device at a serial port, with its faults."""
 
     def __init__(self, device: SerialDevice, faults: EncoderFaults, *, opened_s: float) -> None:
-        """Count the faults' times from `opened_s`."""
-        self.faults = faults
-        self.mishaps = ReplyMishaps()
+        """Put the faults between the device and its port."""
+        super().__init__(faults, opened_s=opened_s)
         self._device = device
         if isinstance(device, E201Device):
             device.stuck_at_bits = faults.wrong_width
-        self._opened_s = opened_s
         self._replies = 0
 
     @property
@@ -216,7 +235,7 @@ class FaultyE201:
     def received(self, data: bytes, now_s: float) -> list[Reply]:
         """Return the replies to `data`, each with its delay."""
         if self.faults.not_an_e201:
-            return [(0.0, _STRANGER)] if e201.VERSION in data else []
+            return [(0.0, b"Virtual ComPort V2.0\r")] if e201.VERSION in data else []
         return self._pass(self._device.received(data, now_s), now_s)
 
     def due(self, now_s: float) -> list[Reply]:
@@ -224,88 +243,61 @@ class FaultyE201:
         return self._pass(self._device.due(now_s), now_s)
 
     def _pass(self, replies: list[Reply], now_s: float) -> list[Reply]:
-        if _within(now_s - self._opened_s, self.faults.silent_after_s, self.faults.silent_for_s):
-            self.mishaps.silenced += len(replies)
+        if self.present("silent", now_s):
             return []
         return [piece for reply in replies for piece in self._pieces(*reply)]
 
     def _pieces(self, delay_s: float, reply: bytes) -> list[Reply]:
-        faults = self.faults
         self._replies += 1
-        if _is_turn(self._replies, faults.drop_every):
-            self.mishaps.dropped += 1
+        if self.strikes("drop_every", self._replies):
             return []
-        if _is_turn(self._replies, faults.corrupt_every):
-            kinds = (reply[:1] + reply[3:], reply[:-1], _JUNK + reply)  # without its end it joins the next reply
-            reply = kinds[self.mishaps.garbled % len(kinds)]
-            self.mishaps.garbled += 1
-        delay_s += faults.slow_s
-        if not faults.split or len(reply) < 2:
+        if self.strikes("corrupt_every", self._replies):
+            kinds = (_JUNK + reply, reply[:1] + reply[3:], reply[:-1])  # without its end it joins the next reply
+            reply = kinds[self.mishaps["corrupt_every"] % len(kinds)]
+        delay_s += self.faults.slow_s
+        if not self.faults.split or len(reply) < 2:
             return [(delay_s, reply)]
-        self.mishaps.split += 1
         middle = len(reply) // 2
         return [(delay_s, reply[:middle]), (delay_s + _PIECES_APART_S, reply[middle:])]
 
 
 # The load cell
 
-_BIAS = Request(Command.BIAS)
 _OTHER_CLIENT: Address = ("192.0.2.1", 49152)  # in the network reserved for examples
 
 
-@dataclass
-class NetftMishaps:
-    """Counts of faults, in records where a client misses records or gets them twice."""
-
-    dropped_records: int = 0
-    silenced_records: int = 0
-    duplicated_records: int = 0
-    reordered_datagrams: int = 0
-    cut_datagrams: int = 0
-    flipped_bits: int = 0
-
-
-class FaultyNetFT:
+class FaultyNetFT(Faulty[LoadCellFaults]):
     """The box with its faults. While it is not `alive`, it takes and sends nothing."""
 
     def __init__(self, box: NetFTBox, faults: LoadCellFaults, *, opened_s: float, rng: np.random.Generator) -> None:
-        """Count the faults' times from `opened_s`."""
+        """Put the faults between the box and its ports."""
+        super().__init__(faults, opened_s=opened_s)
         self.box = box
-        self.faults = faults
-        self.mishaps = NetftMishaps()
-        self._opened_s = opened_s
         self._rng = rng
         self._sent = 0
         self._held: Datagram | None = None
-        begins = (
-            (faults.restart_after_s, self._restart),
-            (faults.second_client_after_s, self._lose_stream),
-            (faults.status_after_s, self._show_status),
-            (faults.saturate_after_s, self._saturate),
-        )
-        dated = [(after_s, begin) for after_s, begin in begins if after_s is not None]
-        self._to_come = sorted(dated, key=lambda event: event[0])
 
     @property
     def streaming(self) -> bool:
         """Whether `due` returns datagrams, now or later."""
         return self.box.streaming
 
-    @property
-    def slow_s(self) -> float:
-        """How late it answers over HTTP and TCP."""
-        return self.faults.slow_s
-
     def alive(self, now_s: float) -> bool:
         """Return whether the box has power and answers at all."""
-        while self._to_come and self._to_come[0][0] <= now_s - self._opened_s:
-            after_s, begin = self._to_come.pop(0)
-            begin(self._opened_s + after_s)
-        return not _within(now_s - self._opened_s, self.faults.restart_after_s, self.faults.restart_for_s)
+        faults = self.faults
+        if self.begins("restart", now_s):
+            self.box.restart(self._opened_s + (faults.restart_after_s or 0.0) + faults.restart_for_s)
+        if self.begins("second_client", now_s):
+            self.box.request(encode_request(Request(Command.REAL_TIME)), _OTHER_CLIENT, now_s)
+        if self.begins("status", now_s):
+            self.box.status |= faults.status
+        if self.begins("saturate", now_s):
+            self.box.load_cell.overload()
+        return not self.present("restart", now_s)
 
     def request(self, datagram: bytes, client: Address, now_s: float) -> None:
         """Take an RDT request."""
-        refused = self.faults.refuse_settings and decode_request(datagram) == _BIAS
+        refused = self.faults.refuse_settings and decode_request(datagram) == Request(Command.BIAS)
         if self.alive(now_s) and not refused:
             self._held = None
             self.box.request(datagram, client, now_s)
@@ -314,241 +306,37 @@ class FaultyNetFT:
         """Return the datagrams that leave for the client now."""
         if not self.alive(now_s):
             return []
-        datagrams = [datagram for datagram in self.box.due(now_s) if datagram[1] != _OTHER_CLIENT]
-        elapsed_s = now_s - self._opened_s
-        if self.faults.udp_blocked or _within(elapsed_s, self.faults.silent_after_s, self.faults.silent_for_s):
-            self.mishaps.silenced_records += _records(datagrams)
+        datagrams = self.box.due(now_s)
+        if self.faults.udp_blocked or self.present("silent", now_s):
             return []
-        return [passed for datagram in datagrams for passed in self._pass(datagram)]
+        return [passed for sent in datagrams if sent[1] != _OTHER_CLIENT for passed in self._pass(sent)]
 
-    def page(self, index: int | None = None) -> str:
-        """Return netftapi2.xml."""
-        return self.box.page(index)
-
-    def apply(self, path_and_query: str) -> bool:
-        """Apply a setting, or only acknowledge it; return whether its page exists."""
+    def get(self, path_and_query: str) -> str | None:
+        """Return the box' page, or only acknowledge its setting."""
         if self.faults.refuse_settings and path_and_query.startswith("/comm.cgi"):
-            return True
-        return self.box.apply(path_and_query)
+            return DONE
+        return self.box.get(path_and_query)
 
-    def answer(self, command: bytes, now_s: float) -> bytes:
-        """Return the answer to a command over TCP."""
-        return self.box.answer(command, now_s)
-
-    def _pass(self, datagram: Datagram) -> Iterable[Datagram]:
+    def _pass(self, datagram: Datagram) -> list[Datagram]:
         """Return what is sent for one datagram, and for one held back before it."""
-        faults = self.faults
         self._sent += 1
+        number, records = self._sent, len(datagram[0]) // RECORD_BYTES
         held, self._held = self._held, None
         passed = [] if held is None else [held]
-        if _is_turn(self._sent, faults.drop_every):
-            self.mishaps.dropped_records += _records([datagram])
+        if self.strikes("drop_every", number, records):
             return passed
-        if _is_turn(self._sent, faults.corrupt_every):
-            datagram = self._corrupted(datagram)
-        if held is None and _is_turn(self._sent, faults.reorder_every) and self.streaming:
+        if self.strikes("corrupt_every", number):
+            datagram = self._corrupted(*datagram)
+        if held is None and self.streaming and self.strikes("reorder_every", number):
             self._held = datagram
-            self.mishaps.reordered_datagrams += 1
             return []
-        if _is_turn(self._sent, faults.duplicate_every):
-            self.mishaps.duplicated_records += _records([datagram])
+        if self.strikes("duplicate_every", number, records):
             return [datagram, datagram, *passed]
         return [datagram, *passed]
 
-    def _corrupted(self, datagram: Datagram) -> Datagram:
-        data, client = datagram
-        if self.mishaps.cut_datagrams == self.mishaps.flipped_bits:
-            self.mishaps.cut_datagrams += 1
+    def _corrupted(self, data: bytes, client: Address) -> Datagram:
+        if self.mishaps["corrupt_every"] % 2:
             return data[: int(self._rng.integers(1, RECORD_BYTES))], client
-        self.mishaps.flipped_bits += 1
         flipped = bytearray(data)
         flipped[self._rng.integers(len(data))] ^= 1 << self._rng.integers(8)
         return bytes(flipped), client
-
-    def _restart(self, at_s: float) -> None:
-        self.box.restart(at_s + self.faults.restart_for_s)
-
-    def _lose_stream(self, at_s: float) -> None:
-        self.box.request(encode_request(Request(Command.REAL_TIME)), _OTHER_CLIENT, at_s)
-
-    def _show_status(self, _at_s: float) -> None:
-        self.box.status |= self.faults.status
-
-    def _saturate(self, _at_s: float) -> None:
-        self.box.load_cell.overload()
-
-
-def _records(datagrams: Iterable[Datagram]) -> int:
-    return sum(len(data) for data, _ in datagrams) // RECORD_BYTES
-
-
-# The vehicle
-
-_ENABLE = "motorPowerSet.enable"
-_NUMBER_BYTES = 4
-_HELLO = b"cfid"  # in the app's answer to a hello, before its version
-_LOW_V = 2.9
-_ACTIVE_S = 1.0  # since its last packet, a client counts as active
-_ROUNDING_S = 1e-9
-
-
-@dataclass
-class CrazyflieMishaps:
-    """Counts of packets that did not pass, apart from those that the radio lost."""
-
-    dropped: int = 0
-    dropped_to_vehicle: int = 0
-    silenced: int = 0
-    refused: int = 0
-
-
-class FaultyCrazyflie(VehicleLink):
-    """The vehicle behind its radio, with the faults of both."""
-
-    def __init__(
-        self,
-        vehicle: Crazyflie,
-        propulsion: Propulsion,
-        radio: Radio,
-        faults: CrazyflieFaults,
-        *,
-        ping_port: int,
-        opened_s: float,
-    ) -> None:
-        """Count the faults' times from `opened_s`."""
-        super().__init__(vehicle, radio, ping_port=ping_port)
-        self.faults = faults
-        self.mishaps = CrazyflieMishaps()
-        self._propulsion = propulsion
-        self._ping_port = ping_port
-        self._opened_s = self._looked_s = self._received_s = opened_s
-        self._heard = self._sent = 0
-        self._rebooted = self._tumbled = self._stopped = False
-
-    def next_s(self, now_s: float) -> float | None:
-        """Return when the next event is due, None while there is none."""
-        next_s = super().next_s(now_s)
-        if self.faults is SOUND_CRAZYFLIE:
-            return next_s
-        times = self._turns(now_s, math.inf) + ([] if next_s is None else [next_s])
-        return min(times, default=None)
-
-    def closed(self, now_s: float) -> bool:
-        """Return whether the port is closed."""
-        return _within(now_s - self._opened_s, self.faults.closed_after_s)
-
-    def received(self, datagram: bytes, client: Address, now_s: float) -> None:
-        """Take a client's datagram, unless another one is active on a busy link."""
-        before = self._client
-        if self.faults.busy and before and client != before and now_s - self._received_s < _ACTIVE_S:
-            self.mishaps.refused += 1
-            return
-        super().received(datagram, client, now_s)
-
-    def _take_answers(self, client: Address, now_s: float) -> None:
-        super()._take_answers(client, now_s)
-        self._received_s = now_s
-
-    def _passes_to_vehicle(self, now_s: float) -> bool:
-        self._heard += 1
-        if self._silent(now_s):
-            self.mishaps.silenced += 1
-            return False
-        if _is_turn(self._heard, self.faults.drop_to_vehicle_every):
-            self.mishaps.dropped_to_vehicle += 1
-            return False
-        return True
-
-    def _deliver(self, datagram: bytes, ping: SentPing | None, at_s: float) -> None:
-        faults = self.faults
-        if not self._is_stop(datagram):
-            super()._deliver(datagram, ping, at_s)
-            return
-        answers = self._ignored(datagram, at_s) if faults.stop_ignored else self.vehicle.receive(datagram, at_s)
-        if faults.stop_misnumbered:
-            answers = [_misnumbered(answer) for answer in answers]
-        self._send(answers, late_s=faults.stop_late_s)
-
-    def _advance_vehicle(self, now_s: float) -> None:
-        if self.faults is SOUND_CRAZYFLIE and self._looked_s > self._opened_s:
-            super()._advance_vehicle(now_s)
-            return
-        for turn_s in (*self._turns(self._looked_s, now_s), now_s):
-            super()._advance_vehicle(turn_s)
-            self._apply_faults(turn_s)
-        self._looked_s = now_s
-
-    def _send(self, leaving: list[LeavingPacket], ping: SentPing | None = None, *, late_s: float = 0.0) -> None:
-        version = self.faults.app_protocol
-        passing = []
-        for time_s, packet in leaving:
-            self._sent += 1
-            if self._silent(time_s):
-                self.mishaps.silenced += 1
-            elif _is_turn(self._sent, self.faults.drop_every):
-                self.mishaps.dropped += 1
-            elif version and packet[1:5] == _HELLO:
-                passing.append(LeavingPacket(time_s, packet[:5] + bytes([version]) + packet[6:]))
-            else:
-                passing.append(LeavingPacket(time_s, packet))
-        super()._send(passing, ping, late_s=late_s)
-
-    def _silent(self, now_s: float) -> bool:
-        return _within(now_s - self._opened_s, self.faults.silent_after_s, self.faults.silent_for_s)
-
-    def _turns(self, after_s: float, until_s: float) -> list[float]:
-        """Return the times between the two at which a fault of the vehicle begins or ends, or its port closes."""
-        faults = self.faults
-        tumble_s, for_s = faults.tumble_after_s, faults.tumble_for_s
-        begins = (
-            faults.closed_after_s,
-            tumble_s,
-            None if tumble_s is None or for_s is None else tumble_s + for_s,
-            faults.emergency_after_s,
-            faults.low_battery_after_s,
-            faults.reboot_after_s,
-        )
-        times = (self._opened_s + begin_s for begin_s in begins if begin_s is not None)
-        return sorted(time_s for time_s in times if after_s < time_s <= until_s)
-
-    def _apply_faults(self, now_s: float) -> None:
-        elapsed_s = now_s - self._opened_s + _ROUNDING_S  # so that rounding does not put a fault after its own time
-        faults, vehicle = self.faults, self.vehicle
-        if _within(elapsed_s, faults.reboot_after_s) and not self._rebooted:
-            self._rebooted = True
-            vehicle.restart(now_s)
-        vehicle.protocol = faults.protocol or PROTOCOL
-        tumbled = _within(elapsed_s, faults.tumble_after_s, faults.tumble_for_s)
-        if tumbled != self._tumbled:
-            self._tumbled = tumbled
-            vehicle.turn(math.cos(math.radians(faults.tumble_deg)) if tumbled else 1.0)
-        if _within(elapsed_s, faults.emergency_after_s) and not self._stopped:
-            self._stopped = True
-            vehicle.supervisor.stopped = True
-        low = _within(elapsed_s, faults.low_battery_after_s)
-        self._propulsion.battery.at_most_v = _LOW_V if low else math.inf
-
-    def _is_stop(self, datagram: bytes) -> bool:
-        """Return whether a datagram is the app's stop, or zero for motorPowerSet.enable."""
-        packet = decode_packet(datagram)
-        if packet is None:
-            return False
-        zero = self.vehicle.parameter_number(_ENABLE).to_bytes(2, "little") + b"\0"
-        return packet[:2] == (self._ping_port, PingChannel.STOP) or packet == (PARAMETER_PORT, WRITE_CHANNEL, zero)
-
-    def _ignored(self, datagram: bytes, at_s: float) -> list[LeavingPacket]:
-        """Return the answer of a vehicle that ignores a stop: the value as if set, or the commands still in force."""
-        header, payload = datagram[0], datagram[1:]
-        if header >> 4 == PARAMETER_PORT:
-            return [LeavingPacket(at_s, datagram)]
-        number = int.from_bytes(payload[:_NUMBER_BYTES], "little")
-        flags = Flags.MOTORS_ALLOWED | Flags.KEEP_ALIVE_FRESH
-        state = AppState(number, flags, self.vehicle.motors, int(at_s * 1e6) % (1 << 32))
-        return [LeavingPacket(at_s, bytes([header]) + encode_state(state))]
-
-
-def _misnumbered(answer: LeavingPacket) -> LeavingPacket:
-    """Return an answer renumbered to the next request, or the next parameter."""
-    header, number, rest = answer.packet[:1], answer.packet[1 : 1 + _NUMBER_BYTES], answer.packet[1 + _NUMBER_BYTES :]
-    following = (int.from_bytes(number, "little") + 1) % (1 << 8 * len(number))
-    return LeavingPacket(answer.time_s, header + following.to_bytes(len(number), "little") + rest)

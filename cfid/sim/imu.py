@@ -6,10 +6,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict
 from scipy.spatial.transform import Rotation
 
-from cfid.records.rig_file import Positive, Spread, Vector
+from cfid.records.rig_file import Positive, RigTable, Spread, Vector
 from cfid.sim.stepping import Array
 
 _WORD = 1 << 15  # steps to either side of zero
@@ -17,13 +16,11 @@ _WORD = 1 << 15  # steps to either side of zero
 Turning = Callable[[float], tuple[float, float, float]]  # angle, speed and acceleration at a time
 
 
-class ImuTruth(BaseModel):
+class ImuTruth(RigTable):
     """A BMI088 as in a Crazyflie 2.1: 16 bits over its range, noise as a standard deviation of one sample.
 
     `gyro_scale` and `acc_scale` are relative errors of x, y, z; `misalignment_deg` turns the sensor in the body.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     gyro_noise_dps: Spread = 0.07
     gyro_bias_dps: Vector = (0.3, -0.2, 0.3)

@@ -1,28 +1,22 @@
-"""Simulates the link to the vehicle: a radio's losses and delays, and the UDP port that cflib's `udp://` expects."""
+"""Simulates the link to the vehicle: a radio's losses and delays, and the faults of the link and of the vehicle."""
 
-import contextlib
 import math
-import socket
 from bisect import insort
 from collections import deque
 from typing import Annotated, NamedTuple, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
-from twisted.internet.base import DelayedCall
-from twisted.internet.defer import Deferred, succeed
-from twisted.internet.posixbase import PosixReactorBase
-from twisted.internet.protocol import DatagramProtocol
-from twisted.internet.udp import Port
+from pydantic import Field, model_validator
 
-from cfid.records.rig_file import Number, Positive, Spread
-from cfid.sim.crazyflie import Crazyflie, LeavingPacket
-from cfid.sim.netft import LOOPBACK, Address, Datagram
-from cfid.sim.propulsion import Four
+from cfid.records.rig_file import Number, Positive, RigTable, Spread
+from cfid.sim.crazyflie import PROTOCOL, Crazyflie, Leaving
+from cfid.sim.faults import SOUND_CRAZYFLIE, CrazyflieFaults, Faulty
+from cfid.sim.netft import Address, Datagram
+from cfid.sim.propulsion import Four, Propulsion
 from cfid.sim.supervisor import GENERIC_SETPOINT_PORT, SETPOINT_PORT
 from cfid.sim.wander import Wander
-from cfid.wire.app import PingChannel
-from cfid.wire.crtp import ECHO_CHANNEL, ECHO_PORT, Packet, decode_packet
+from cfid.wire.app import AppState, Flags, PingChannel, encode_state
+from cfid.wire.crtp import ECHO_CHANNEL, ECHO_PORT, PARAMETER_PORT, WRITE_CHANNEL, Packet, decode_packet
 
 FLOOR_WANDER_S = 60.0
 CONGESTED_S, CLEAR_S = 2.0, 8.0
@@ -32,10 +26,16 @@ MOST_WAITING = 16
 _CYCLES = 20  # before the first packet, so that it may meet a congestion
 _REMEMBERED = 100_000  # pings
 
+_NUMBER_BYTES = 4
+_HELLO = b"cfid"  # in the app's answer to a hello, before its version
+_LOW_V = 2.9
+_ACTIVE_S = 1.0  # since its last packet, a client counts as active
+_ROUNDING_S = 1e-9
+
 SentPing = tuple[Packet, float]  # and when the client sent it
 
 
-class RadioTruth(BaseModel):
+class RadioTruth(RigTable):
     """One packet in one direction takes `latency_s` on average.
 
     The shortest time is `jitter_s` less; the rest is exponential, with `jitter_s` as mean and standard deviation. The
@@ -47,8 +47,6 @@ class RadioTruth(BaseModel):
     exponential time of mean `congestion_s`. Each direction passes `packets_per_s` at most, where that is not zero:
     a packet waits behind MOST_WAITING others, or is lost.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     latency_s: Spread = 4e-4
     jitter_s: Spread = 1e-4
@@ -145,17 +143,34 @@ class _InFlight(NamedTuple):
     ping: SentPing | None
 
 
-class VehicleLink:
-    """The vehicle behind its radio. Answers go to the client that last sent anything but a setpoint."""
+class VehicleLink(Faulty[CrazyflieFaults]):
+    """The vehicle behind its radio, with the faults of both.
 
-    def __init__(self, vehicle: Crazyflie, radio: Radio, *, ping_port: int) -> None:
+    Answers go to the client that last sent anything but a setpoint.
+    """
+
+    def __init__(
+        self,
+        vehicle: Crazyflie,
+        propulsion: Propulsion,
+        radio: Radio,
+        faults: CrazyflieFaults,
+        *,
+        ping_port: int,
+        opened_s: float,
+    ) -> None:
         """Start with nothing in the air."""
+        super().__init__(faults, opened_s=opened_s)
         self.vehicle = vehicle
         self.radio = radio
-        self._pings = ((ping_port, PingChannel.PING), (ECHO_PORT, ECHO_CHANNEL))
+        self._propulsion = propulsion
+        self._ping_port = ping_port
         self._client: Address | None = None
         self._up: deque[_InFlight] = deque()
         self._down: deque[_InFlight] = deque()
+        self._looked_s = self._received_s = opened_s
+        self._sent = 0
+        self._tumbled = False
 
     @property
     def motors(self) -> Four:
@@ -165,20 +180,26 @@ class VehicleLink:
     def next_s(self, now_s: float) -> float | None:
         """Return when the next event is due, None while there is none."""
         times = [self.vehicle.next_s, *(queue[0].arrives_s for queue in (self._up, self._down) if queue)]
+        if self.faults is not SOUND_CRAZYFLIE:
+            times += self.turns(now_s, math.inf)
         return min((time_s for time_s in times if time_s is not None), default=None)
 
     def closed(self, now_s: float) -> bool:
         """Return whether the port is closed."""
-        return False
+        return self.present("closed", now_s)
 
     def received(self, datagram: bytes, client: Address, now_s: float) -> None:
-        """Take a client's datagram."""
+        """Take a client's datagram, unless another client is active on a busy link."""
+        other = self._client is not None and client != self._client
+        if self.faults.busy and other and now_s - self._received_s < _ACTIVE_S:
+            return
         packet = decode_packet(datagram)
         if packet is None or packet.port not in (SETPOINT_PORT, GENERIC_SETPOINT_PORT):
-            self._take_answers(client, now_s)
-        arrives_s = self.radio.to_vehicle.arrival_s(now_s) if self._passes_to_vehicle(now_s) else None
+            self._client, self._received_s = client, now_s
+        arrives_s = None if self.present("silent", now_s) else self.radio.to_vehicle.arrival_s(now_s)
         if arrives_s is not None:
-            ping = (packet, now_s) if packet is not None and packet[:2] in self._pings else None
+            pings = ((self._ping_port, PingChannel.PING), (ECHO_PORT, ECHO_CHANNEL))
+            ping = (packet, now_s) if packet is not None and packet[:2] in pings else None
             self._up.append(_InFlight(arrives_s, datagram, ping))
 
     def due(self, now_s: float) -> list[Datagram]:
@@ -206,84 +227,75 @@ class VehicleLink:
             self._deliver(packet, ping, arrives_s)
         self._advance_vehicle(now_s)
 
-    # What a fault of the link or the vehicle changes.
-
-    def _take_answers(self, client: Address, now_s: float) -> None:
-        self._client = client
-
-    def _passes_to_vehicle(self, now_s: float) -> bool:
-        return True
-
     def _deliver(self, datagram: bytes, ping: SentPing | None, at_s: float) -> None:
         """Pass a packet to the vehicle and its answers to the radio."""
-        self._send(self.vehicle.receive(datagram, at_s), ping)
+        faults = self.faults
+        if not self._is_stop(datagram):
+            self._send(self.vehicle.receive(datagram, at_s), ping)
+            return
+        answers = self._ignored(datagram, at_s) if faults.stop_ignored else self.vehicle.receive(datagram, at_s)
+        if faults.stop_misnumbered:
+            answers = [(time_s, _misnumbered(answer)) for time_s, answer in answers]
+        self._send(answers, late_s=faults.stop_late_s)
 
     def _advance_vehicle(self, now_s: float) -> None:
-        self._send(self.vehicle.advance(now_s))
+        if self.faults is SOUND_CRAZYFLIE and self._looked_s > self._opened_s:
+            self._send(self.vehicle.advance(now_s))
+            return
+        for turn_s in (*self.turns(self._looked_s, now_s), now_s):
+            self._send(self.vehicle.advance(turn_s))
+            self._apply_faults(turn_s)
+        self._looked_s = now_s
 
-    def _send(self, leaving: list[LeavingPacket], ping: SentPing | None = None, *, late_s: float = 0.0) -> None:
+    def _send(self, leaving: list[Leaving], ping: SentPing | None = None, *, late_s: float = 0.0) -> None:
         """Pass the vehicle's packets to the radio, which they reach `late_s` too late."""
+        version = self.faults.app_protocol
         for time_s, packet in leaving:
+            self._sent += 1
+            if self.present("silent", time_s) or self.strikes("drop_every", self._sent):
+                continue
             arrives_s = self.radio.from_vehicle.arrival_s(time_s)
-            if arrives_s is not None:
-                insort(self._down, _InFlight(arrives_s + late_s, packet, ping), key=lambda packet: packet.arrives_s)
+            if arrives_s is None:
+                continue
+            falsified = version and packet[1:5] == _HELLO
+            sent = packet[:5] + bytes([version]) + packet[6:] if falsified else packet
+            insort(self._down, _InFlight(arrives_s + late_s, sent, ping), key=lambda packet: packet.arrives_s)
+
+    def _apply_faults(self, now_s: float) -> None:
+        at_s = now_s + _ROUNDING_S  # so that rounding does not put a fault after its own time
+        faults, vehicle = self.faults, self.vehicle
+        if self.begins("reboot", at_s):
+            vehicle.restart(now_s)
+        vehicle.protocol = faults.protocol or PROTOCOL
+        tumbled = self.present("tumble", at_s)
+        if tumbled != self._tumbled:
+            self._tumbled = tumbled
+            vehicle.turn(math.cos(math.radians(faults.tumble_deg)) if tumbled else 1.0)
+        if self.begins("emergency", at_s):
+            vehicle.supervisor.stopped = True
+        self._propulsion.battery.at_most_v = _LOW_V if self.present("low_battery", at_s) else math.inf
+
+    def _is_stop(self, datagram: bytes) -> bool:
+        """Return whether a datagram is the app's stop, or zero for motorPowerSet.enable."""
+        packet = decode_packet(datagram)
+        if packet is None:
+            return False
+        zero = self.vehicle.parameter_number("motorPowerSet.enable").to_bytes(2, "little") + b"\0"
+        return packet[:2] == (self._ping_port, PingChannel.STOP) or packet == (PARAMETER_PORT, WRITE_CHANNEL, zero)
+
+    def _ignored(self, datagram: bytes, at_s: float) -> list[Leaving]:
+        """Return the answer of a vehicle that ignores a stop: the value as if set, or the commands still in force."""
+        header, payload = datagram[0], datagram[1:]
+        if header >> 4 == PARAMETER_PORT:
+            return [(at_s, datagram)]
+        number = int.from_bytes(payload[:_NUMBER_BYTES], "little")
+        flags = Flags.MOTORS_ALLOWED | Flags.KEEP_ALIVE_FRESH
+        state = AppState(number, flags, self.vehicle.motors, int(at_s * 1e6) % (1 << 32))
+        return [(at_s, bytes([header]) + encode_state(state))]
 
 
-class CrazyflieServer:
-    """A vehicle on a port of one address; port 0 takes a free one. It sleeps until something is due."""
-
-    def __init__(
-        self, vehicle: VehicleLink, *, reactor: PosixReactorBase, address: str = LOOPBACK, port: int = 0
-    ) -> None:
-        """Open nothing yet."""
-        self._vehicle = vehicle
-        self._reactor = reactor
-        self._address, self._requested_port = address, port
-        self._port: Port | None = None
-        self._socket: socket.socket | None = None
-        self._timer: DelayedCall | None = None
-
-    def open(self) -> str:
-        """Bind the port and return its address in cflib's form. Raises twisted's CannotListenError."""
-        self._port = self._reactor.listenUDP(self._requested_port, _Packets(self), self._address)
-        self._socket = self._port.socket
-        self._attend()
-        return f"udp://{self._address}:{self._port.getHost().port}"
-
-    def close(self) -> Deferred[None]:
-        """Close the port and stop serving the vehicle; fires when it is done."""
-        if self._timer is not None and self._timer.active():
-            self._timer.cancel()
-        return self._shut()
-
-    def received(self, datagram: bytes, client: Address) -> None:
-        """Take a datagram."""
-        self._vehicle.received(datagram, client, self._reactor.seconds())
-        if self._timer is not None and self._timer.active():
-            self._timer.cancel()
-        self._attend()
-
-    def _attend(self) -> None:
-        """Send due packets, and schedule the next event; the vehicle goes on even without a port."""
-        now_s = self._reactor.seconds()
-        if self._vehicle.closed(now_s):
-            self._shut()
-        for packet, client in self._vehicle.due(now_s):
-            if self._socket is not None:
-                with contextlib.suppress(OSError):  # a full buffer or no route: a radio loses packets too
-                    self._socket.sendto(packet, client)
-        next_s = self._vehicle.next_s(now_s)
-        if next_s is not None:
-            self._timer = self._reactor.callLater(max(0.0, next_s - self._reactor.seconds()), self._attend)
-
-    def _shut(self) -> Deferred[None]:
-        port, self._port, self._socket = self._port, None, None
-        return (port.stopListening() if port is not None else None) or succeed(None)
-
-
-class _Packets(DatagramProtocol):
-    def __init__(self, server: CrazyflieServer) -> None:
-        self._server = server
-
-    def datagramReceived(self, datagram: bytes, addr: Address) -> None:  # noqa: N802 (twisted's name)
-        self._server.received(datagram, addr)
+def _misnumbered(answer: bytes) -> bytes:
+    """Return an answer renumbered to the next request, or the next parameter."""
+    header, number, rest = answer[:1], answer[1 : 1 + _NUMBER_BYTES], answer[1 + _NUMBER_BYTES :]
+    following = (int.from_bytes(number, "little") + 1) % (1 << 8 * len(number))
+    return header + following.to_bytes(len(number), "little") + rest

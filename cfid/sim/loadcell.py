@@ -2,9 +2,8 @@
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import BaseModel, ConfigDict
 
-from cfid.records.rig_file import Number, Positive, Spread
+from cfid.records.rig_file import Number, Positive, RigTable, Spread
 from cfid.sim.stepping import Array
 from cfid.sim.wander import Wander
 
@@ -19,7 +18,7 @@ SixSixes = tuple[Six, Six, Six, Six, Six, Six]
 Counts = npt.NDArray[np.int32]
 
 
-class LoadCellTruth(BaseModel):
+class LoadCellTruth(RigTable):
     """A cell like ATI's Mini40 SI-20-1. Six numbers are Fx, Fy, Fz in N and Tx, Ty, Tz in Nm.
 
     `bias` is its reading unloaded, `drift_per_s` the bias' growth, `noise_std` the standard deviation of a sample. Its
@@ -31,8 +30,6 @@ class LoadCellTruth(BaseModel):
     time constant WARM_UP_S: it reads too little, by up to `warm_up`. Its bias wanders with the standard deviation
     `bias_wander`, a fraction of the ranges, correlated over BIAS_WANDER_S.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     bias: Six = (0.35, -0.22, 1.4, 0.004, -0.007, 0.002)
     drift_per_s: Six = (2e-5, -1e-5, 5e-5, 1e-7, 2e-7, -1e-7)

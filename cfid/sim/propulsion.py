@@ -10,9 +10,9 @@ from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
-from cfid.records.rig_file import Number, Positive, Spread, Vector
+from cfid.records.rig_file import Number, Positive, RigTable, Spread, Vector
 from cfid.sim.stepping import Array
 from cfid.sim.wander import Wander
 from cfid.wire.app import LARGEST_COMMAND
@@ -36,15 +36,13 @@ _BATTERY_EVERY_S = 0.01  # the rotors' inertia smooths faster changes
 _REMEMBERED = 1000  # changes of the commands while the load cell is not read
 
 
-class BatteryTruth(BaseModel):
+class BatteryTruth(RigTable):
     """A `supply` holds `volts` under any load; the other keys apply to `lipo` only.
 
     `open_circuit_v` is the voltage of the unloaded cell at equal steps of charge, from empty to full; `charge` is the
     initial charge. The fraction `efficiency` of the electrical power reaches the rotors; `standby_a` is drawn in
     addition. The currents are near those in Bitcraze's table of the Crazyflie 2.0 (2015).
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     kind: Literal["supply", "lipo"] = "supply"
     volts: Positive = NOMINAL_V
@@ -97,15 +95,13 @@ class Battery:
         self.charge = max(self.charge, 0.0)
 
 
-class WindTruth(BaseModel):
+class WindTruth(RigTable):
     """A steady wind of `speed_mps` from a fan at `angle_deg` to the vertical and `azimuth_deg` about it.
 
     Rotors feel `kg_per_rad`, for the body's x, y and z, times their speeds' sum times the velocity relative to the air
     (thesis eq. 4.2, its coefficients of eq. 4.8), the body `body_kg_per_m` times that velocity times its magnitude. The
     load cell's x axis lies `yaw_deg` left of the vehicle's. The anemometer reads too much by `anemometer_gain`.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     speed_mps: Spread = 0.0
     angle_deg: Number = 0.0
@@ -140,7 +136,7 @@ def _into_the_cell(yaw_deg: float) -> Array:
     return np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
 
 
-class RotorTruth(BaseModel):
+class RotorTruth(RigTable):
     """Motors near those of a Crazyflie 2.0 (thesis, tables of chapter 3).
 
     Above the dead zone a rotor's steady speed is `idle_rad_per_s` + `rad_per_s_per_command` * command, reached
@@ -155,8 +151,6 @@ class RotorTruth(BaseModel):
     the next, and of its speed over time, correlated over WANDER_S. The tachometer reads too much by `tachometer_gain`,
     with a relative noise of `tachometer_std`.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     rad_per_s_per_command: Positive = 0.0408
     idle_rad_per_s: Spread = 381.0

@@ -5,7 +5,7 @@ Axis inertias and distances are computed here independently of the analysis, whi
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -147,11 +147,10 @@ def with_errors(
             name: replace(mount, direction=_tilted(mount.direction, tilt_deg, rng=rng))
             for name, mount in mounts.items()
         }
-    centre_m = truth.centre_of_mass_m + np.asarray(centre_of_mass_m)
     return replace(
         truth,
         mass_kg=truth.mass_kg + mass_kg,
-        centre_of_mass_m=centre_m,
+        centre_of_mass_m=truth.centre_of_mass_m + np.asarray(centre_of_mass_m),
         fixture_kg=fixture_kg,
         mounts=mounts,
     )
@@ -231,12 +230,7 @@ def pendulum(truth: Truth, mount_name: str) -> Pendulum:
     return Pendulum(
         axis_inertia_kg_m2=float(about_centre + truth.mass_kg * distance_m**2 + of_cube),
         gravity_moment_nm=float(truth.gravity_mps2 * below_kg_m),
-        viscous_nms_per_rad=mount.friction.viscous_nms_per_rad,
-        coulomb_nm=mount.friction.coulomb_nm,
-        quadratic_nms2_per_rad2=mount.friction.quadratic_nms2_per_rad2,
-        spring_nm_per_rad=mount.friction.spring_nm_per_rad,
-        stribeck_nm=mount.friction.stribeck_nm,
-        ripple_nm=mount.friction.ripple_nm,
+        **asdict(mount.friction),
     )
 
 
@@ -262,21 +256,13 @@ def two_threads(truth: Truth, mount_name: str) -> TwoThreads | None:
 def hanging(truth: Truth, mount_name: str) -> Hanging:
     """Return how the body hangs in one of its mounts; the sensors sit at the origin of the body frame."""
     mount = truth.mounts[mount_name]
-    if mount.threads_m is not None:
-        return Hanging(
-            axis=mount.direction,
-            down=-mount.direction,
-            sensor_m=-truth.centre_of_mass_m,
-            gravity_mps2=truth.gravity_mps2,
-        )
-    below = truth.centre_of_mass_m - mount.point_m
-    below = below - (below @ mount.direction) * mount.direction
-    return Hanging(
-        axis=mount.direction,
-        down=below / np.linalg.norm(below),
-        sensor_m=-mount.point_m,
-        gravity_mps2=truth.gravity_mps2,
-    )
+    if mount.threads_m is None:
+        below = truth.centre_of_mass_m - mount.point_m
+        below = below - (below @ mount.direction) * mount.direction
+        down, sensor_m = below / np.linalg.norm(below), -mount.point_m
+    else:
+        down, sensor_m = -mount.direction, -truth.centre_of_mass_m
+    return Hanging(axis=mount.direction, down=down, sensor_m=sensor_m, gravity_mps2=truth.gravity_mps2)
 
 
 def draw_release(rng: np.random.Generator, *, angle_deg: tuple[float, float] = (20, 70)) -> HandRelease:

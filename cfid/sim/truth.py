@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError, field_validator, model_validator
+from pydantic import ValidationError, field_validator, model_validator
 
 from cfid.errors import ConfigError
 from cfid.records.files import first_fault, read_toml
-from cfid.records.rig_file import Number, Positive, Rig, Spread, Vector
+from cfid.records.rig_file import Number, Positive, Rig, RigTable, Spread, Vector
 from cfid.sim.crazyflie import CrazyflieTruth, Platform
 from cfid.sim.imu import ImuTruth
 from cfid.sim.link import RadioTruth
@@ -28,11 +28,7 @@ INERTIA_KG_M2 = 1e-6 * np.array([[16.4, -0.6, 0.5], [-0.6, 16.9, 1.1], [0.5, 1.1
 _X, _Y, _Z = INERTIA_KG_M2.tolist()
 
 
-class _TruthTable(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class VehicleTruth(_TruthTable):
+class VehicleTruth(RigTable):
     """The vehicle's inertia matrix about its centre of mass.
 
     Its mass and centre of mass differ from rig.toml's by the errors, beyond what rig.toml states. A cube of
@@ -55,7 +51,7 @@ class VehicleTruth(_TruthTable):
         return matrix
 
 
-class SwingTruth(_TruthTable):
+class SwingTruth(RigTable):
     """What disturbs every swing: axes that tilt (standard deviation), a cable's spring, uneven dry friction.
 
     The encoder's ring is mounted off centre: it adds a sine of `eccentricity_deg` to the angle.
@@ -80,7 +76,7 @@ class SwingTruth(_TruthTable):
         return math.radians(self.eccentricity_deg)
 
 
-class AxisTruth(_TruthTable):
+class AxisTruth(RigTable):
     """The axis that the dropping weights turn: its own inertia and its friction.
 
     The friction is near that of the thesis' axis in table 2.1, taken as Coulomb and viscous friction. The line has a
@@ -94,7 +90,7 @@ class AxisTruth(_TruthTable):
     turns_per_layer: Spread = 0.0
 
 
-class SimTruth(_TruthTable):
+class SimTruth(RigTable):
     """All true parameters. A Brushless has its own rotors by default."""
 
     vehicle: VehicleTruth = VehicleTruth()

@@ -29,9 +29,8 @@ from cfid.rig.loadcell import RECEIVE_BUFFER_BYTES
 from cfid.rig.loop import Ending
 from cfid.sim.devices import SimulatedRig
 from cfid.sim.faults import FaultyE201
-from cfid.sim.netft import SENDING_EVERY_S, page_of
 from cfid.sim.pty import DevicePort
-from cfid.sim.service import Addresses, devices_at
+from cfid.sim.service import SENDING_EVERY_S, Addresses, devices_at
 from cfid.wire.crtp import ECHO_CHANNEL, ECHO_PORT, Packet, decode_packet, encode_echo, encode_packet
 from cfid.wire.e201 import PRODUCT
 
@@ -237,14 +236,14 @@ class Virtual(Hardware):
     def page(self, address: Address, path: str) -> tuple[int, str]:
         """Return a page of the simulated box."""
         self._refuse_without_box(address)
-        self.pause(self.rig.loadcell.slow_s)
-        text = page_of(self.rig.loadcell, path)
+        self.pause(self.rig.loadcell.faults.slow_s)
+        text = self.rig.loadcell.get(path)
         return (404, "") if text is None else (200, text)
 
     def exchange(self, address: Address, request: bytes, size: int) -> bytes:
         """Return the simulated box' answer over TCP."""
         self._refuse_without_box(address)
-        return self.rig.loadcell.answer(request, self.seconds())[:size]
+        return self.rig.loadcell.box.answer(request, self.seconds())[:size]
 
     def link(self, uri: str) -> Link:
         """Open a link to the simulated vehicle."""

@@ -25,7 +25,8 @@ from cfid.rig.loop import Ending, Loop, run_until_done
 from cfid.rig.sim_file import SIM_FILE, published
 from cfid.sim.faults import SOUND_LOADCELL, FaultyNetFT
 from cfid.sim.loadcell import LoadCellTruth, SimulatedLoadCell
-from cfid.sim.netft import NetFTBox, NetFTServer
+from cfid.sim.netft import NetFTBox
+from cfid.sim.service import NetFTServer
 
 SECONDS = float(os.environ.get("BENCH_SECONDS", "60"))
 WARM_S = min(10.0, SECONDS / 3)

@@ -135,12 +135,12 @@ def test_a_load_cell_is_biased_and_sends_singly_when_asked_to(lab: Lab) -> None:
     assert said.code == 0
     assert (facts["asked"], facts["biased"], facts["settings"]["buffer_size"]) == ("real-time", True, 1)
     assert abs(rows["Fz"].iloc[:20].mean()) < 5e5  # half a newton; the cell's own offset is 1.4 N
-    assert facts["settings"]["bias"] == list(read_settings(lab.box.page()).bias)
+    assert facts["settings"]["bias"] == list(read_settings(lab.box.box.page()).bias)
     assert any(facts["settings"]["bias"])
 
 
 def test_a_bias_that_the_box_does_not_show_is_told(lab: Lab) -> None:
-    lab.box.apply(rate_query(rate_hz=LOADCELL_HZ, buffer_size=1))  # as requested, so that nothing else is set
+    lab.box.get(rate_query(rate_hz=LOADCELL_HZ, buffer_size=1))  # as requested, so that nothing else is set
     lab.loadcell_suffers(refuse_settings=True)
 
     said = lab.cfid("log", "loadcell", "--bias", "--real-time", "--for", 0.3)
@@ -150,12 +150,12 @@ def test_a_bias_that_the_box_does_not_show_is_told(lab: Lab) -> None:
 
 
 def test_a_box_with_rdt_off_is_told_by_check_and_switched_on_by_log(lab: Lab) -> None:
-    lab.box.apply("/comm.cgi?comrdte=0")
+    lab.box.get("/comm.cgi?comrdte=0")
     checked = json.loads(lab.cfid("rig", "check", "--json").out)["devices"]["loadcell"]
 
     assert "RDT, UDP" not in {answer["asked"] for answer in checked}
     assert lab.cfid("log", "loadcell", "--for", 0.3).code == 0
-    assert read_settings(lab.box.page()).rdt_enabled
+    assert read_settings(lab.box.box.page()).rdt_enabled
 
 
 def test_a_figure_is_drawn_when_asked_for(lab: Lab) -> None:

@@ -23,7 +23,7 @@ SIMULATED = "note: the rig is simulated: "
 def test_a_check_changes_no_setting(tmp_path: Path) -> None:
     with lab_in(tmp_path) as lab:
         lab.e201.word_bits = 18
-        lab.box.apply(rate_query(rate_hz=LOADCELL_HZ, buffer_size=3))
+        lab.box.get(rate_query(rate_hz=LOADCELL_HZ, buffer_size=3))
         ended = lab.cfid("rig", "check", "--json")
         answers = json.loads(ended.out)["devices"]
 
@@ -35,7 +35,7 @@ def test_a_check_changes_no_setting(tmp_path: Path) -> None:
         ]
         assert [answer["state"] for answer in answers["encoder"]] == ["ok", "warning"]
         assert lab.e201.word_bits == 18
-        assert read_settings(lab.box.page()).buffer_size == 3
+        assert read_settings(lab.box.box.page()).buffer_size == 3
 
 
 def test_what_is_wrong_is_told_with_what_to_do(tmp_path: Path) -> None:

@@ -103,12 +103,12 @@ def test_the_devices_stamps_go_on_over_their_wrap(lab: Lab) -> None:
 
 
 def test_replies_that_never_come_are_counted_poll_by_poll(lab: Lab) -> None:
-    dropped = lab.encoder.mishaps
+    mishaps = lab.encoder.mishaps
     log = Recording(lab, "--for", 10, at={0.5: EncoderFaults(drop_every=20)})
 
     assert log.ended.code == 0
-    assert log.losses["polls_without_position"] == pytest.approx(dropped.dropped, abs=1)
-    assert dropped.dropped > 30
+    assert log.losses["polls_without_position"] == pytest.approx(mishaps["drop_every"], abs=1)
+    assert mishaps["drop_every"] > 30
     log.check()
     log.check_grid(seconds=10)
 
@@ -117,7 +117,7 @@ def test_garbled_replies_are_losses_and_never_rows(lab: Lab) -> None:
     log = Recording(lab, "--for", 10, at={0.5: EncoderFaults(corrupt_every=12)})
 
     assert log.ended.code == 0
-    assert log.lost >= lab.encoder.mishaps.garbled - 1 > 40
+    assert log.lost >= lab.encoder.mishaps["corrupt_every"] - 1 > 40
     log.check()
 
 
@@ -154,7 +154,7 @@ def test_a_name_of_two_lines_is_one_answer(lab: Lab) -> None:
 
     assert log.ended.code == 0
     assert log.losses["unasked"] == 0
-    assert log.losses["polls_without_position"] == pytest.approx(lab.encoder.mishaps.dropped, abs=1)
+    assert log.losses["polls_without_position"] == pytest.approx(lab.encoder.mishaps["drop_every"], abs=1)
     log.check()
 
 

@@ -54,7 +54,7 @@ def state_of(flight: Flight) -> SupervisorState:
 def idle_of(flight: Flight) -> int:
     number = flight.rig.crazyflie.vehicle.parameter_number("powerDist.idleThrust").to_bytes(2, "little")
     answers = flight.rig.crazyflie.vehicle.receive(b"\x2d" + number, flight.hardware.seconds())
-    return int.from_bytes(answers[0].packet[4:], "little")
+    return int.from_bytes(answers[0][1][4:], "little")
 
 
 def turned(bench: Bench) -> bool:

@@ -239,7 +239,7 @@ def test_a_second_log_over_a_link_has_its_own_values(tmp_path: Path) -> None:
 def created(flight: Flight, number: int) -> int:
     """Create an empty log block as another program does, and return the error in the vehicle's answer."""
     answers = flight.rig.crazyflie.vehicle.receive(bytes([0x5D, LogCommand.CREATE, number]), flight.hardware.seconds())
-    return answers[-1].packet[-1]
+    return answers[-1][1][-1]
 
 
 def test_many_recordings_over_a_link_leave_no_block_and_no_handler_behind(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cfid.sim.app_core import App
-from cfid.sim.crazyflie import Crazyflie, CrazyflieTruth, LeavingPacket, variables
+from cfid.sim.crazyflie import Crazyflie, CrazyflieTruth, Leaving, variables
 from cfid.sim.crazyflie_services import parameters
 from cfid.sim.propulsion import BRUSHLESS, STILL, BatteryTruth, Propulsion, RotorTruth
 from cfid.sim.supervisor import UPDATE_STEPS
@@ -237,7 +237,7 @@ class _Replay:
             self._vehicle.restart(at_s, boot_s=0.0)
             self._see_state(time_ms)
 
-    def _hear(self, leaving: list[LeavingPacket], *, polled: bool = False) -> None:
+    def _hear(self, leaving: list[Leaving], *, polled: bool = False) -> None:
         for time_s, datagram in leaving:
             packet = decode_packet(datagram)
             assert packet is not None

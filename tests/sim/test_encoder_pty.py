@@ -61,13 +61,6 @@ def test_no_byte_is_changed_on_the_way(plugged: _Plugged) -> None:
         assert [_ask(port, bytes([byte])) for byte in b"\x03\x04\x11\x13\x1a\x7f"] == [b"Error\r"] * 6
 
 
-def test_a_second_host_may_come_after_the_first(plugged: _Plugged) -> None:
-    path = plugged.open()
-    for _ in range(2):
-        with serial.Serial(path, timeout=2) as port:
-            assert names_e201(_ask(port, b"v"))
-
-
 def test_positions_come_unasked_when_told_so(plugged: _Plugged) -> None:
     with serial.Serial(plugged.open(), timeout=0.05) as port:
         port.write(b"1")
@@ -77,11 +70,6 @@ def test_positions_come_unasked_when_told_so(plugged: _Plugged) -> None:
         came = port.read(port.in_waiting).count(b"\r")
         assert came == pytest.approx(300, rel=0.3)
         assert port.read(1) == b""
-
-
-def test_a_split_reply_arrives_whole(plugged: _Plugged) -> None:
-    with serial.Serial(plugged.open(EncoderFaults(split=True)), timeout=2) as port:
-        assert names_e201(_ask(port, b"v"))
 
 
 def test_an_unplugged_encoder_is_gone_and_comes_back_under_its_name(plugged: _Plugged) -> None:

@@ -27,8 +27,6 @@ from cfid.sim.loadcell import SATURATED, LoadCellTruth, SimulatedLoadCell
 from cfid.sim.netft import NetFTBox
 from cfid.sim.propulsion import STILL, BatteryTruth
 from cfid.wire.app import ALL_MOTORS_THRUST, AppPorts, PingChannel, ThrustChannel, ThrustRequest, encode_thrust
-from cfid.wire.crtp import encode_echo
-from cfid.wire.netft import read_settings
 from cfid.wire.rdt import Command, Records, Request, decode_records, encode_request, is_block
 from tests.sim.vehicle import CLIENT, OPENED_S, OTHER_CLIENT, Bench, rows_of
 
@@ -60,21 +58,16 @@ def test_dropped_datagrams_are_missing_and_counted_in_records() -> None:
     faulty = _faulty(LoadCellFaults(drop_every=10), buffer_size=40)
     datagrams = _stream(faulty, until_s=1, request=encode_request(Request(Command.BUFFERED)))
     records = _records(datagrams)
-    assert faulty.mishaps.dropped_records == 17 * 40
+    assert faulty.mishaps["drop_every"] == 17 * 40
     assert records["rdt_sequence"][-1] - len(records) == 17 * 40
 
 
-def test_doubled_datagrams_come_twice_and_are_counted() -> None:
-    faulty = _faulty(LoadCellFaults(duplicate_every=50))
-    sequence = _records(_stream(faulty, until_s=1))["rdt_sequence"]
-    assert len(sequence) - len(np.unique(sequence)) == faulty.mishaps.duplicated_records == 140
-
-
-def test_reordered_datagrams_swap_with_the_next_and_none_is_missing() -> None:
-    faulty = _faulty(LoadCellFaults(reorder_every=100))
-    sequence = _records(_stream(faulty, until_s=1))["rdt_sequence"].astype(int)
-    assert np.sum(np.diff(sequence) < 0) == pytest.approx(faulty.mishaps.reordered_datagrams, abs=1)
-    assert faulty.mishaps.reordered_datagrams == 70
+def test_doubled_datagrams_come_twice_and_reordered_ones_swap_with_the_next() -> None:
+    doubled, swapped = _faulty(LoadCellFaults(duplicate_every=50)), _faulty(LoadCellFaults(reorder_every=100))
+    sequence = _records(_stream(doubled, until_s=1))["rdt_sequence"]
+    assert len(sequence) - len(np.unique(sequence)) == doubled.mishaps["duplicate_every"] == 140
+    sequence = _records(_stream(swapped, until_s=1))["rdt_sequence"].astype(int)
+    assert np.sum(np.diff(sequence) < 0) == pytest.approx(70, abs=1)
     assert set(range(1, len(sequence))) <= set(sequence.tolist())
 
 
@@ -82,8 +75,7 @@ def test_corrupted_datagrams_are_cut_short_or_have_one_bit_flipped_in_turns() ->
     faulty, sound = _faulty(LoadCellFaults(corrupt_every=100)), _faulty(SOUND_LOADCELL)
     pairs = list(zip(_stream(faulty, until_s=1), _stream(sound, until_s=1), strict=True))
     cut = [data for data, _ in pairs if not is_block(len(data))]
-    assert len(cut) == faulty.mishaps.cut_datagrams == 35
-    assert faulty.mishaps.flipped_bits == 35
+    assert len(cut) == 35
     flipped = [
         (int.from_bytes(data) ^ int.from_bytes(as_sent)).bit_count() for data, as_sent in pairs if is_block(len(data))
     ]
@@ -110,24 +102,6 @@ def test_a_stream_falls_silent_when_it_should(faults: LoadCellFaults, received_s
     assert received == received_s
 
 
-def test_a_box_that_restarts_is_dead_for_a_while_and_counts_from_zero() -> None:
-    faulty = _faulty(LoadCellFaults(restart_after_s=5.0))
-    assert faulty.alive(104.9)
-    assert not faulty.alive(105.0)
-    faulty.request(START, CLIENT, 105.5)
-    assert not faulty.streaming
-    assert faulty.alive(106.0)
-    faulty.request(START, CLIENT, 106.5)
-    assert _records([data for data, _ in faulty.due(106.6)])["ft_sequence"][0] == 3501
-
-
-def test_whoever_lost_the_stream_gets_it_back_by_asking() -> None:
-    faulty = _faulty(LoadCellFaults(second_client_after_s=0.1))
-    assert len(_stream(faulty, until_s=1)) == pytest.approx(700, abs=15)
-    faulty.request(START, CLIENT, 101.0)
-    assert faulty.due(101.1)
-
-
 def test_a_status_and_a_saturation_come_when_they_should() -> None:
     early = LoadCellFaults(status_after_s=0.5)
     status = _records(_stream(_faulty(early), until_s=1))["status"]
@@ -137,28 +111,16 @@ def test_a_status_and_a_saturation_come_when_they_should() -> None:
     assert overloaded["counts"][-1, 2] == 60_000_000
 
 
-def test_refused_settings_are_answered_and_change_nothing() -> None:
-    faulty = _faulty(LoadCellFaults(refuse_settings=True))
-    assert faulty.apply("/comm.cgi?comrdtrate=1000")
-    assert read_settings(faulty.page()).rate_hz == 7000
-
-
 def _replies(faults: EncoderFaults, *, at_s: float = 0.0, questions: int = 12) -> tuple[list[bytes], FaultyE201]:
     faulty = FaultyE201(E201Device(lambda _: 1.0), faults, opened_s=0.0)
     return [reply for _ in range(questions) for _, reply in faulty.received(b"?", at_s)], faulty
-
-
-def test_dropped_replies_are_missing_and_counted() -> None:
-    replies, faulty = _replies(EncoderFaults(drop_every=4))
-    assert len(replies) == 9
-    assert faulty.mishaps.dropped == 3
 
 
 def test_garbled_replies_lose_bytes_or_their_end_or_begin_with_junk() -> None:
     sound = _replies(SOUND_ENCODER)[0][0]
     replies, faulty = _replies(EncoderFaults(corrupt_every=4))
     odd = [reply for reply in replies if reply != sound]
-    assert faulty.mishaps.garbled == len(odd) == 3
+    assert faulty.mishaps["corrupt_every"] == len(odd) == 3
     assert len(odd[0]) == len(sound) - 2
     assert odd[1] == sound[:-1]
     assert odd[2].endswith(sound)
@@ -169,12 +131,6 @@ def test_a_split_reply_is_whole_when_put_together() -> None:
     (first_s, first), (second_s, second) = faulty.received(b"?", 0.0)
     assert 0.1 == first_s < second_s
     assert first + second == _replies(SOUND_ENCODER)[0][0]
-
-
-def test_a_stranger_answers_only_to_a_question_for_its_version() -> None:
-    faulty = FaultyE201(E201Device(lambda _: 1.0), EncoderFaults(not_an_e201=True), opened_s=0.0)
-    assert faulty.received(b"?", 0.0) == []
-    assert b"E201" not in faulty.received(b"v", 0.0)[0][1]
 
 
 def test_a_wrong_width_reads_other_words_than_it_says() -> None:
@@ -243,13 +199,6 @@ def _echo(bench: Bench) -> bool:
 # The link
 
 
-def test_dropped_packets_are_missing_in_either_direction() -> None:
-    bench = Bench(faults=CrazyflieFaults(drop_every=10))
-    assert [_echo(bench) for _ in range(100)].count(False) == bench.faulty.mishaps.dropped == 10
-    bench = Bench(faults=CrazyflieFaults(drop_to_vehicle_every=4))
-    assert [_echo(bench) for _ in range(100)].count(False) == bench.faulty.mishaps.dropped_to_vehicle == 25
-
-
 @pytest.mark.parametrize(("for_s", "heard"), [(None, [True, False, False]), (0.5, [True, False, True])])
 def test_a_silent_link_passes_nothing_either_way(for_s: float | None, heard: list[bool]) -> None:
     bench = Bench(faults=CrazyflieFaults(silent_after_s=0.2, silent_for_s=for_s))
@@ -260,9 +209,7 @@ def test_a_silent_link_passes_nothing_either_way(for_s: float | None, heard: lis
         answers.append(_echo(bench))
         bench.wait(0.3)
     assert answers == heard
-    rows = rows_of(bench.wait(0.1), "H")
-    assert bool(rows) == heard[-1]
-    assert bench.faulty.mishaps.silenced > 30
+    assert bool(rows_of(bench.wait(0.1), "H")) == heard[-1]
 
 
 def test_a_closed_port_leaves_the_vehicle_going_on() -> None:
@@ -281,7 +228,6 @@ def test_a_second_client_is_answered_unless_the_vehicle_is_busy() -> None:
         assert _echo(bench)
         answers = bench.say_and_hear(15, 0, b"\1", client=OTHER_CLIENT)
         assert [client for _, client in answers] == ([] if busy else [OTHER_CLIENT])
-        assert bench.faulty.mishaps.refused == busy
         assert bench.say_and_hear(15, 0, b"\1")[0][1] == CLIENT
         bench.wait(1.1)
         assert bench.say_and_hear(15, 0, b"\1", client=OTHER_CLIENT)  # the first client is gone
@@ -298,16 +244,6 @@ def test_what_stops_a_flight_stops_the_apps_motors_then_and_for_good(faults: Cra
     _run_app(bench, for_s=2.0)
     assert [motors for _, motors in bench.changes] == [RUNNING, STILL]
     assert 0.5 <= bench.changes[1][0] <= 0.5 + within_s
-
-
-def test_a_battery_that_falls_shows_2_9_volts_and_slower_rotors() -> None:
-    bench = Bench(CrazyflieTruth(rpm_deck=True), faults=CrazyflieFaults(low_battery_after_s=1.0))
-    bench.drive((40000, 0, 0, 0))
-    bench.wait(0.9)
-    bench.log("pm.vbat", "rpm.m1", period_ms=10)
-    rows = rows_of(bench.wait(1.0), "fH")
-    assert rows[0][2] == pytest.approx((3.7, 19200), rel=0.01)
-    assert rows[-1][2] == pytest.approx((2.9, 19200 * (381 + 1632 * 2.9 / 3.7) / (381 + 1632)), rel=0.01)
 
 
 def test_a_restarted_vehicle_is_deaf_for_a_second_and_starts_from_nothing() -> None:
@@ -338,23 +274,6 @@ def test_faults_can_come_and_go_while_it_runs() -> None:
 
 
 # The radio
-
-
-def test_answers_come_as_late_as_the_radio_says_and_pings_are_remembered() -> None:
-    bench = Bench(radio=RadioTruth(latency_s=0.02, jitter_s=0.005))
-    asked, late_s = [], []
-    for number in range(300):
-        asked_s = bench.now_s
-        port, payload = ((PORTS.ping, b"abcd"), (15, encode_echo(number)))[number % 2]
-        assert bench.say(port, 0, payload) == []
-        ((came_s, _),) = bench.wait(0.2)
-        asked.append((port, payload))
-        late_s.append(came_s - asked_s)
-    pings = bench.faulty.radio.pings
-    assert [ping[:2] for ping in pings] == asked
-    assert [ping.round_trip_s for ping in pings] == pytest.approx(late_s)
-    assert np.mean(late_s) == pytest.approx(0.04, rel=0.03)
-    assert min(late_s) > 0.03
 
 
 @settings(max_examples=50)

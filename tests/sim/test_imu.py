@@ -30,13 +30,6 @@ def test_at_rest_the_gyro_shows_its_bias_and_noise_and_the_accelerometer_what_ho
     assert imu(EXACT).at(0.0).acc_g == pytest.approx((0, 1, 0), abs=STEP_G)
 
 
-def test_a_sample_that_is_read_in_parts_is_one_sample() -> None:
-    noisy = imu(ImuTruth())
-
-    assert noisy.at(1.0) == noisy.at(1.0)
-    assert noisy.at(1.0) != noisy.at(2.0)
-
-
 def test_a_swing_is_felt_about_its_axis_with_scale_alignment_and_inward_force() -> None:
     truth = EXACT.model_copy(update={"gyro_scale": (0.01, 0.0, 0.0), "misalignment_deg": (0.0, 0.0, 1.0)})
     moving = imu(truth, lambda time_s: (0.0, 5.0, 0.0)).at(0.0)

@@ -45,13 +45,6 @@ def test_a_torque_by_an_arm_comes_back_with_the_devices_clock() -> None:
     assert torque_nm == pytest.approx(expected, abs=2e-6)  # for whole milligrams at 50 mm, and whole milliseconds
 
 
-def test_an_angle_comes_back() -> None:
-    (angle_rad,) = read(ENCODER, sent(ENCODER, "phi", until_s=2)).T
-
-    assert len(angle_rad) == pytest.approx(1000, abs=51)
-    assert angle_rad == pytest.approx(0.001 * np.sin(10 + np.arange(len(angle_rad)) / 500), abs=1e-6)
-
-
 def test_faults_make_no_other_angle() -> None:
     whole = read(ENCODER, sent(ENCODER, "phi", until_s=5))[:, 0]
     torn = read(ENCODER, sent(ENCODER, "phi", until_s=5, faults=EncoderFaults(corrupt_every=7, drop_every=11)))[:, 0]

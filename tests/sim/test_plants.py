@@ -171,11 +171,6 @@ def test_a_hand_trembles_about_the_angle_it_holds() -> None:
     assert np.ptp(held_rad) / 2 == pytest.approx(0.004, rel=0.2)
 
 
-def test_a_hand_without_time_to_let_go_is_refused() -> None:
-    with pytest.raises(ValueError, match="let_go_s"):
-        HandRelease(angle_rad=1, let_go_s=0)
-
-
 # Dropping weights
 
 WAIT_S = 0.5

@@ -16,7 +16,7 @@ from cfid.errors import ConfigError
 from cfid.records.rig_file import LineValue, LoadCellLines, Rig, thesis_rig
 from cfid.sim.devices import SimulatedRig
 from cfid.sim.service import ServedRig
-from cfid.sim.truth import USUAL_TRUTH, SimTruth, load_truth
+from cfid.sim.truth import USUAL_TRUTH, load_truth
 from cfid.sim.virtual import Virtual
 from cfid.wire.e201 import PositionReader
 from cfid.wire.rdt import Command, Request, decode_records, encode_request
@@ -89,16 +89,6 @@ def test_a_cell_that_sends_lines_averages_the_rotors_vibration_over_its_period()
 def test_an_unknown_mount_is_refused_with_those_there_are() -> None:
     with pytest.raises(ConfigError, match=r"no 'w'. There are: x"):
         rig_of(thesis_rig(), axis="w")
-
-
-def test_the_same_seed_is_the_same_rig() -> None:
-    one, same, other = (rig_of(thesis_rig(), seed=seed, weight_g=50).axis for seed in (1, 1, 2))
-    assert one.angle_at(5.0) == same.angle_at(5.0) != other.angle_at(5.0)
-
-
-def test_an_empty_truth_is_the_usual_one(tmp_path: Path) -> None:
-    (tmp_path / "truth.toml").write_text("")
-    assert load_truth(tmp_path / "truth.toml") == USUAL_TRUTH == SimTruth()
 
 
 def test_a_truth_says_what_it_says(tmp_path: Path) -> None:

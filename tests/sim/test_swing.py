@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy.signal import find_peaks
 
-from cfid.errors import ConfigError
 from cfid.records.rig_file import Rig, Site, thesis_rig
 from cfid.sim.plants import DroppingWeight, HandRelease, swing
 from cfid.sim.swing import (
@@ -25,8 +24,6 @@ from cfid.sim.swing import (
     resting,
     swinging,
 )
-from cfid.wire.rls import decode_words
-from tests.offline.encoder import EncoderModel, record_swings
 
 INERTIA_KG_M2 = np.array([[16.6, 0.8, 0.7], [0.8, 16.7, 1.8], [0.7, 1.8, 29.3]]) * 1e-6
 DRAWS = 2000
@@ -141,11 +138,6 @@ def test_the_test_body_has_the_inertias_of_table_2_5(rig: Rig) -> None:
     assert pendulum(truth, "z").gravity_moment_nm == pytest.approx(0.0176 * 9.81 * 0.044400430747127, rel=1e-9)
 
 
-def test_a_rig_without_a_test_body_is_told_what_is_missing(rig: Rig) -> None:
-    with pytest.raises(ConfigError, match="testbody"):
-        draw_testbody(rig.model_copy(update={"testbody": None}), rng=np.random.default_rng(0))
-
-
 def test_a_crazyflie_on_the_x_mount_dies_away_as_the_thesis_did(rig: Rig) -> None:
     truth = draw_truth(_exact(rig), inertia_kg_m2=INERTIA_KG_M2, rng=np.random.default_rng(0))
     typical = TrueFriction()
@@ -161,36 +153,6 @@ def test_a_crazyflie_on_the_x_mount_dies_away_as_the_thesis_did(rig: Rig) -> Non
     peaks_deg = angle_deg[find_peaks(angle_deg, distance=100)[0]]
     assert 7 <= np.sum(peaks_deg > 10) <= 10
     assert 11 <= np.sum(peaks_deg > 1) <= 16
-
-
-def test_recorded_swings_begin_and_end_at_rest_and_swing_between(rig: Rig) -> None:
-    truth = draw_truth(rig, inertia_kg_m2=INERTIA_KG_M2, rng=np.random.default_rng(6))
-    recordings = record_swings(
-        truth, ("x", "y", "xz"), rng=np.random.default_rng(7), encoder=EncoderModel(), angle_deg=(40, 60)
-    )
-    assert list(recordings) == ["x", "y", "xz"]
-    starts = set()
-    for t_s, counts in recordings.values():
-        decoded = decode_words(counts)
-        angle_deg = np.unwrap(decoded.position, period=8192) * 360 / 8192
-        angle_deg = angle_deg - angle_deg[0]
-        starts.add(int(decoded.position[0]))
-        assert decoded.valid.all()
-        assert np.ptp(angle_deg[t_s < 0.35]) == 0
-        assert 38 < np.abs(angle_deg).max() < 62
-        assert np.ptp(angle_deg[-500:]) == 0
-        assert abs(angle_deg[-1]) < 1.5
-    assert len(starts) == 3  # every swing starts at another angle of the encoder
-
-
-def test_the_same_generator_records_the_same_swings(rig: Rig) -> None:
-    truth = draw_truth(rig, inertia_kg_m2=INERTIA_KG_M2, rng=np.random.default_rng(6))
-    first, again = (
-        record_swings(truth, ("x",), rng=np.random.default_rng(9), encoder=EncoderModel(word=4194304), duration_s=3.0)
-        for _ in range(2)
-    )
-    assert np.array_equal(first["x"].time_s, again["x"].time_s)
-    assert np.array_equal(first["x"].counts, again["x"].counts)
 
 
 # The axis that the encoder reads

@@ -2,21 +2,19 @@
 
 import math
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.errors import ConfigError
 from cfid.records.rig_file import thesis_rig
 from cfid.sim.link import Direction
 from cfid.sim.loadcell import WARM_UP_S, SimulatedLoadCell
-from cfid.sim.plants import DroppingWeight, HandRelease, Motion, Pendulum, drop, swing
+from cfid.sim.plants import DroppingWeight, HandRelease, Pendulum, drop, swing
 from cfid.sim.propulsion import Battery, SimulatedRotors
-from cfid.sim.swing import Axis, Truth, pendulum
-from cfid.sim.truth import IMPERFECTIONS, Imperfection, SimTruth, draw, draw_vehicle, imperfection, load_truth
+from cfid.sim.swing import Truth, pendulum
+from cfid.sim.truth import IMPERFECTIONS, Imperfection, SimTruth, draw, draw_vehicle, imperfection
 from tests.offline.encoder import EncoderModel, record, record_swings
 from tests.offline.motors import ping_run, shown_rpm
 from tests.offline.stand import simulate_stand
@@ -340,13 +338,6 @@ def test_what_is_switched_off_leaves_recordings_as_they_are_to_the_byte() -> Non
     assert disturbed != ideal
 
 
-def test_the_served_encoder_is_eccentric_too() -> None:
-    still = Motion(time_s=np.array([0.0, 20.0]), angle_rad=np.zeros((2, 1)), speed_rad_per_s=np.zeros((2, 1)))
-    axis = Axis(still, return_s=0.3, offset_rad=1.0, eccentricity_rad=0.01)
-
-    assert axis.angle_at(5.0) == pytest.approx(1.0 + 0.01 * math.sin(1.0), abs=1e-12)
-
-
 def test_values_are_drawn_from_the_stated_distributions() -> None:
     rng = np.random.default_rng(8)
     arms = [draw(IDEAL, [imperfection("rotors.arm_error")], rng=rng).rotors.arm_error for _ in range(1000)]
@@ -359,16 +350,3 @@ def test_values_are_drawn_from_the_stated_distributions() -> None:
     assert (min(cubes), max(cubes)) == pytest.approx((0.6e-3, 1.8e-3), rel=0.02)
     assert loss == 0.03
     assert len(set(crosstalk.ravel())) == 36
-
-
-def test_a_truth_file_switches_an_imperfection_on(tmp_path: Path) -> None:
-    (tmp_path / "truth.toml").write_text(
-        "[loadcell]\ngain_error = [0, 0, 0.01, 0, 0, 0]\n[swing]\neccentricity_deg = 1\n"
-    )
-    truth = load_truth(tmp_path / "truth.toml")
-
-    assert truth.loadcell.gain_error[2] == 0.01
-    assert truth.swing.eccentricity_deg == 1
-    (tmp_path / "truth.toml").write_text("[swing]\ntilt_deg = -1\n")
-    with pytest.raises(ConfigError, match=r"swing\.tilt_deg"):
-        load_truth(tmp_path / "truth.toml")

@@ -9,8 +9,8 @@ import numpy as np
 from cfid.sim.app_core import PING, THRUST, App, Orders, Seen, Sent
 from cfid.sim.crazyflie import USUAL_PORTS, Crazyflie, CrazyflieTruth
 from cfid.sim.crazyflie_services import parameters
-from cfid.sim.faults import SOUND_CRAZYFLIE, CrazyflieFaults, FaultyCrazyflie
-from cfid.sim.link import Radio, RadioTruth
+from cfid.sim.faults import SOUND_CRAZYFLIE, CrazyflieFaults
+from cfid.sim.link import Radio, RadioTruth, VehicleLink
 from cfid.sim.propulsion import BRUSHLESS, STILL, BatteryTruth, Four, Propulsion, RotorTruth
 from cfid.wire.app import AppPorts, PingChannel, ThrustChannel
 from cfid.wire.crtp import Packet, encode_packet
@@ -76,7 +76,7 @@ class Bench:
             ports=ports,
             on_motors=lambda time_s, motors: self.changes.append((time_s - OPENED_S, motors)),
         )
-        self.faulty = FaultyCrazyflie(
+        self.faulty = VehicleLink(
             self.vehicle,
             self.propulsion,
             Radio(radio, radio_rng),
