@@ -165,12 +165,8 @@ class SimulatedRig:
 
 def _of_lines(faults: LoadCellFaults) -> EncoderFaults:
     """Return those of a box' faults that lines can have too."""
-    return EncoderFaults(
-        drop_every=faults.drop_every,
-        corrupt_every=faults.corrupt_every,
-        silent_after_s=faults.silent_after_s,
-        silent_for_s=faults.silent_for_s,
-    )
+    shared = {"drop_every", "corrupt_every", "silent_after_s", "silent_for_s"}
+    return EncoderFaults.model_validate(faults.model_dump(include=shared))
 
 
 def drawn_testbody(rig: Rig, truth: SimTruth, vehicle: Truth, *, seed: int) -> Truth:

@@ -21,43 +21,16 @@ _LONGEST_READ = 4096
 _ROUNDING_S = 1e-6
 
 
-class InOrder:
-    """Sends each reply after its delay, and after all earlier replies, since a serial line keeps its order.
+class DevicePort(ABC):
+    """A device behind a serial port on any clock: its replies, its continuous output, its pulled plug.
 
-    `clock` is the reactor, or Twisted's Clock in a test.
+    Each reply is sent after its delay, and after all earlier replies, since a serial line keeps its order.
     """
 
-    def __init__(self, send: Callable[[bytes], None], *, clock: Any) -> None:
-        """Take the function that sends a reply."""
-        self._send, self._clock = send, clock
-        self._replies: deque[tuple[float, bytes]] = deque()
-
-    def send(self, replies: list[Reply]) -> None:
-        """Take replies with their delays from now."""
-        now_s = self._clock.seconds()
-        for delay_s, reply in replies:
-            due_s = max(now_s + delay_s, self._replies[-1][0] if self._replies else 0.0)
-            self._replies.append((due_s, reply))
-            if due_s > now_s:
-                self._clock.callLater(due_s - now_s, self._send_due)
-        self._send_due()
-
-    def drop(self) -> None:
-        """Drop replies that have not been sent."""
-        self._replies.clear()
-
-    def _send_due(self) -> None:
-        while self._replies and self._replies[0][0] <= self._clock.seconds() + _ROUNDING_S:
-            self._send(self._replies.popleft()[1])
-
-
-class DevicePort(ABC):
-    """A device behind a serial port on any clock: its replies in order, its continuous output, its pulled plug."""
-
     def __init__(self, device: FaultyE201, *, clock: Any) -> None:
-        """Open nothing yet; `clock` is the reactor, or Twisted's Clock."""
+        """Open nothing yet; `clock` is the reactor, or a virtual clock."""
         self._device, self._clock = device, clock
-        self._replies = InOrder(self.write, clock=clock)
+        self._replies: deque[tuple[float, bytes]] = deque()
         self._timers: list[DelayedCall] = []
 
     def begin(self) -> None:
@@ -81,7 +54,7 @@ class DevicePort(ABC):
     def received(self, data: bytes) -> None:
         """Take the bytes that the host wrote."""
         was_continuous = self._device.continuous
-        self._replies.send(self._device.received(data, self._clock.seconds()))
+        self._send(self._device.received(data, self._clock.seconds()))
         if self._device.continuous and not was_continuous:
             self._after(_CONTINUOUS_EVERY_S, self._continue)
 
@@ -98,12 +71,26 @@ class DevicePort(ABC):
         """Send a reply to the host, if it is connected."""
 
     def _pull(self) -> None:
-        self._replies.drop()
+        self._replies.clear()
         self.unplug()
+
+    def _send(self, replies: list[Reply]) -> None:
+        """Take replies with their delays from now."""
+        now_s = self._clock.seconds()
+        for delay_s, reply in replies:
+            due_s = max(now_s + delay_s, self._replies[-1][0] if self._replies else 0.0)
+            self._replies.append((due_s, reply))
+            if due_s > now_s:
+                self._clock.callLater(due_s - now_s, self._send_due)
+        self._send_due()
+
+    def _send_due(self) -> None:
+        while self._replies and self._replies[0][0] <= self._clock.seconds() + _ROUNDING_S:
+            self.write(self._replies.popleft()[1])
 
     def _continue(self) -> None:
         if self._device.continuous:
-            self._replies.send(self._device.due(self._clock.seconds()))
+            self._send(self._device.due(self._clock.seconds()))
             self._after(_CONTINUOUS_EVERY_S, self._continue)
 
     def _after(self, delay_s: float, act: Callable[[], None]) -> None:

@@ -8,11 +8,11 @@ from typing import Any
 import pytest
 import serial
 from twisted.internet.posixbase import PosixReactorBase
-from twisted.internet.task import Clock
 
 from cfid.sim.e201 import E201Device
 from cfid.sim.faults import SOUND_ENCODER, EncoderFaults, FaultyE201
-from cfid.sim.pty import InOrder, PtyPort
+from cfid.sim.pty import PtyPort
+from cfid.sim.virtual import VirtualClock, _VirtualPort
 from cfid.wire.e201 import names_e201, set_word_width
 
 InReactor = Callable[[Callable[[], Any]], Any]
@@ -98,16 +98,28 @@ def test_closing_leaves_nothing_behind(plugged: _Plugged, tmp_path: Path) -> Non
     assert _open_files() == before
 
 
-def test_a_reply_does_not_overtake_the_one_before_it() -> None:
-    clock = Clock()
-    messages: list[bytes] = []
-    line = InOrder(messages.append, clock=clock)
+class Heard(list[bytes]):
+    """A receiver of what a port sends."""
 
-    line.send([(0.2, b"late"), (0.2, b"r")])
+    def received(self, data: bytes) -> None:
+        self.append(data)
+
+    def disconnected(self) -> None:
+        raise AssertionError("it was unplugged")
+
+
+def test_a_reply_does_not_overtake_the_one_before_it() -> None:
+    clock, heard = VirtualClock(), Heard()
+    device = FaultyE201(E201Device(lambda _: 1.0), EncoderFaults(slow_s=0.2), opened_s=0.0)
+    port = _VirtualPort(device, clock)
+    port.receiver = heard
+
+    port.received(b"b")
     clock.advance(0.05)
-    line.send([(0.0005, b"next")])
-    early = list(messages)
+    device.faults = SOUND_ENCODER
+    port.received(b"s")
+    early = list(heard)
     clock.advance(0.16)
 
     assert early == []
-    assert messages == [b"late", b"r", b"next"]
+    assert heard == [b"22\r", b"S00042\r"]
