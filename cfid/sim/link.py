@@ -3,6 +3,7 @@
 import math
 from bisect import insort
 from collections import deque
+from operator import itemgetter
 from typing import Annotated, NamedTuple, Self
 
 import numpy as np
@@ -33,6 +34,7 @@ _ACTIVE_S = 1.0  # since its last packet, a client counts as active
 _ROUNDING_S = 1e-9
 
 SentPing = tuple[Packet, float]  # and when the client sent it
+InFlight = tuple[float, bytes, SentPing | None]  # when a packet arrives, its bytes, the ping that it carries or answers
 
 
 class RadioTruth(RigTable):
@@ -135,14 +137,6 @@ class Radio:
         self.pings: deque[Ping] = deque(maxlen=_REMEMBERED)
 
 
-class _InFlight(NamedTuple):
-    """A packet on its way, and the ping that it carries or answers."""
-
-    arrives_s: float
-    packet: bytes
-    ping: SentPing | None
-
-
 class VehicleLink(Faulty[CrazyflieFaults]):
     """The vehicle behind its radio, with the faults of both.
 
@@ -166,8 +160,8 @@ class VehicleLink(Faulty[CrazyflieFaults]):
         self._propulsion = propulsion
         self._ping_port = ping_port
         self._client: Address | None = None
-        self._up: deque[_InFlight] = deque()
-        self._down: deque[_InFlight] = deque()
+        self._up: deque[InFlight] = deque()
+        self._down: deque[InFlight] = deque()
         self._looked_s = self._received_s = opened_s
         self._sent = 0
         self._tumbled = False
@@ -179,7 +173,7 @@ class VehicleLink(Faulty[CrazyflieFaults]):
 
     def next_s(self, now_s: float) -> float | None:
         """Return when the next event is due, None while there is none."""
-        times = [self.vehicle.next_s, *(queue[0].arrives_s for queue in (self._up, self._down) if queue)]
+        times = [self.vehicle.next_s, *(queue[0][0] for queue in (self._up, self._down) if queue)]
         if self.faults is not SOUND_CRAZYFLIE:
             times += self.turns(now_s, math.inf)
         return min((time_s for time_s in times if time_s is not None), default=None)
@@ -200,7 +194,7 @@ class VehicleLink(Faulty[CrazyflieFaults]):
         if arrives_s is not None:
             pings = ((self._ping_port, PingChannel.PING), (ECHO_PORT, ECHO_CHANNEL))
             ping = (packet, now_s) if packet is not None and packet[:2] in pings else None
-            self._up.append(_InFlight(arrives_s, datagram, ping))
+            self._up.append((arrives_s, datagram, ping))
 
     def due(self, now_s: float) -> list[Datagram]:
         """Advance up to now and return the datagrams that leave the radio by then."""
@@ -210,7 +204,7 @@ class VehicleLink(Faulty[CrazyflieFaults]):
         """Return the same datagrams, each with its client and the time at which it leaves the radio."""
         self.advance(now_s)
         leaving: list[tuple[bytes, Address, float]] = []
-        while self._down and self._down[0].arrives_s <= now_s:
+        while self._down and self._down[0][0] <= now_s:
             arrives_s, packet, ping = self._down.popleft()
             if ping is not None:
                 request, received_s = ping
@@ -221,7 +215,7 @@ class VehicleLink(Faulty[CrazyflieFaults]):
 
     def advance(self, now_s: float) -> None:
         """Process every event up to now at its own time; times must not decrease."""
-        while self._up and self._up[0].arrives_s <= now_s:
+        while self._up and self._up[0][0] <= now_s:
             arrives_s, packet, ping = self._up.popleft()
             self._advance_vehicle(arrives_s)
             self._deliver(packet, ping, arrives_s)
@@ -259,7 +253,7 @@ class VehicleLink(Faulty[CrazyflieFaults]):
                 continue
             falsified = version and packet[1:5] == _HELLO
             sent = packet[:5] + bytes([version]) + packet[6:] if falsified else packet
-            insort(self._down, _InFlight(arrives_s + late_s, sent, ping), key=lambda packet: packet.arrives_s)
+            insort(self._down, (arrives_s + late_s, sent, ping), key=itemgetter(0))
 
     def _apply_faults(self, now_s: float) -> None:
         at_s = now_s + _ROUNDING_S  # so that rounding does not put a fault after its own time
