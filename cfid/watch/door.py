@@ -42,26 +42,25 @@ class Gate:
         The page itself, whose address an operator types, has no origin. Anything else without an origin or a site, as
         from a program, needs the token.
         """
-        origin = headers.get("Origin")
-        if origin is None and not self._has_token(headers):
-            site = headers.get("Sec-Fetch-Site", "none" if path == "/" else "")
-            return self._counted(headers.get("Host") in self.hosts and site in ("same-origin", "none"))
-        return self._counted(headers.get("Host") in self.hosts and (origin is None or self._is_own(origin)))
+        if "Origin" in headers:
+            return self._counted(headers, self._is_own(headers))
+        site = headers.get("Sec-Fetch-Site", "none" if path == "/" else "")
+        return self._counted(headers, site in ("same-origin", "none") or self._has_token(headers))
 
     def admits_stop(self, headers: Mapping[str, str]) -> bool:
         """Return whether a button of the page made a request; count others. A browser states the origin of each."""
-        is_own = headers.get("Host") in self.hosts and self._is_own(headers.get("Origin") or "")
-        return self._counted(is_own and self._has_token(headers))
+        return self._counted(headers, self._is_own(headers) and self._has_token(headers))
 
     def _has_token(self, headers: Mapping[str, str]) -> bool:
         given = headers.get(TOKEN_HEADER) or ""
         return hmac.compare_digest(given.encode("utf-8", "replace"), self.token.encode())
 
-    def _is_own(self, origin: str) -> bool:
-        scheme, _, host = origin.partition("://")
+    def _is_own(self, headers: Mapping[str, str]) -> bool:
+        scheme, _, host = headers.get("Origin", "").partition("://")
         return scheme == "http" and host in self.hosts
 
-    def _counted(self, admitted: bool) -> bool:
+    def _counted(self, headers: Mapping[str, str], trusted: bool) -> bool:
+        admitted = trusted and headers.get("Host") in self.hosts
         self.refused += not admitted
         return admitted
 

@@ -12,12 +12,12 @@ import pandas as pd
 
 from cfid.errors import DataError
 from cfid.recordings.vehicle import SUPERVISOR, VEHICLE_LOG
-from cfid.recordings.wrench import LOADCELL
+from cfid.recordings.wrench import AXES, LOADCELL
 from cfid.records.files import RUN_FILE
 from cfid.records.progress import Counts, RunProgress, read_progress
 from cfid.records.run import RECORDER_FILE, DeviceRecord, RunHeader, is_written, number_of, read_run
 from cfid.rig.vehicle import BATTERY
-from cfid.watch.signals import SCALE_MN, Trace, signals_of
+from cfid.watch.signals import Trace, signals_of
 from cfid.watch.spectrum import RotorLines, spectrum_of
 from cfid.wire.supervisor import VehicleState
 
@@ -44,39 +44,29 @@ class DeviceRows:
 
     def read(self) -> Array:
         """Return the next whole rows (n, columns), of one chunk at most; a last line without its end stays."""
-        columns = len(self.record.columns)
         try:
             with self.path.open("rb") as file:
                 file.seek(self._offset)
                 block = file.read(CHUNK_BYTES)
         except OSError:
-            return np.empty((0, columns))
+            block = b""
         block = block[: block.rfind(b"\n") + 1]
         is_first = not self._offset
         self._offset += len(block)
         if is_first:
             block = block[block.find(b"\n") + 1 :]  # without the names of the columns
-        if not block:
-            return np.empty((0, columns))
-        try:
-            table = pd.read_csv(io.BytesIO(block), header=None, names=range(columns), index_col=False, dtype=np.float64)
-        except ValueError:  # somebody edited the file
-            self.unreadable += len(block)
-            return np.empty((0, columns))
-        values = table.to_numpy()
-        return np.asarray(values[np.isfinite(values[:, 0])])
-
-    def take(self, zero_s: float | None) -> float | None:
-        """Add the next rows to the signals; return the Unix time at the zero of the picture, None until it is known."""
-        rows = self.read()
-        if not len(rows):
-            return zero_s
-        zero_s = float(rows[0, 0]) if zero_s is None else zero_s
-        for signal in self.signals:
-            signal.add(rows[:, 0] - zero_s, rows)
+        columns = range(len(self.record.columns))
+        values = np.empty((0, len(columns)))
+        if block:
+            try:
+                table = pd.read_csv(io.BytesIO(block), header=None, names=columns, index_col=False, dtype=np.float64)
+                values = table.to_numpy()
+            except ValueError:  # somebody edited the file
+                self.unreadable += len(block)
+        rows = values[np.isfinite(values[:, 0])]
         self.rows += len(rows)
-        self.latest = tuple(rows[-1].tolist())
-        return zero_s
+        self.latest = tuple(rows[-1].tolist()) if len(rows) else self.latest
+        return rows
 
 
 class LiveRun:
@@ -86,7 +76,7 @@ class LiveRun:
         """Read its run.toml. Raises DataError when that is missing or invalid."""
         self.folder = folder
         self.header: RunHeader = read_run(folder).header
-        self.zero_s: float | None = None
+        self.zero_s: float | None = None  # Unix time at the zero of the picture
         self.caught_up = False  # with the rows on the disk
         self.devices = {
             name: DeviceRows(
@@ -150,8 +140,7 @@ class LiveRun:
     @property
     def force(self) -> Trace | None:
         """The force on the load cell, where the run has one with its usual columns."""
-        device = self.devices.get(LOADCELL)
-        return next((signal for signal in device.signals if signal.unit == "mN"), None) if device else None
+        return next((signal for signal in self.signals if signal.names == AXES[:3]), None)
 
     def progress(self) -> RunProgress:
         """Return what is known of the devices: by run.toml for a run that was closed, else by its recorder."""
@@ -176,7 +165,13 @@ class LiveRun:
         while not self.caught_up and time.monotonic() < end_s:
             before = self.rows
             for device in self.devices.values():
-                self.zero_s = device.take(self.zero_s)
+                rows = device.read()
+                if not len(rows):
+                    continue
+                if self.zero_s is None:
+                    self.zero_s = float(rows[0, 0])
+                for signal in device.signals:
+                    signal.extremes.add(rows[:, 0] - self.zero_s, signal.convert(rows))
             self.caught_up = self.rows == before
 
 
@@ -188,24 +183,22 @@ class ShownRun:
         self.run: LiveRun | None = None if folder is None else LiveRun(folder)
         self.spectrum: RotorLines | None = None
         self.viewers = 0
-        self._runs_folder = None if folder is not None else runs_folder
+        self._runs_folder = runs_folder if folder is None else None
         self._next_look_s = 0.0
 
     def read(self) -> None:
         """Read what was added since the last call, while anybody views it."""
         if not self.viewers:
             return
-        now_s = time.monotonic()
-        is_due = now_s >= self._next_look_s
+        is_due = time.monotonic() >= self._next_look_s
         if is_due:
-            self._next_look_s = now_s + _LOOK_S
+            self._next_look_s = time.monotonic() + _LOOK_S
             self.look()
-        if self.run is not None:
-            self.run.read(_READ_S)
-        force = None if self.run is None else self.run.force
-        if is_due and force is not None:
-            time_s, force_mn = force.extremes.newest()
-            self.spectrum = spectrum_of(time_s, force_mn / SCALE_MN)
+        if self.run is None:
+            return
+        self.run.read(_READ_S)
+        if is_due and self.run.force is not None:
+            self.spectrum = spectrum_of(*self.run.force.extremes.newest())
 
     def look(self) -> None:
         """Read run.toml again, and turn to a newer run of the campaign, unless the shown run is being recorded."""

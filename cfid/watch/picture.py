@@ -2,7 +2,7 @@
 
 import math
 from html import escape
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from bokeh.document import Document
@@ -12,7 +12,7 @@ from bokeh.models import Column, ColumnDataSource, DataRange1d, Div, HoverTool, 
 from bokeh.plotting import figure
 
 from cfid.watch.live_run import LiveRun, ShownRun
-from cfid.watch.signals import SCALE_MN, Trace
+from cfid.watch.signals import Trace
 from cfid.watch.spectrum import HIGHEST_HZ, RotorLines
 
 EVERY_MS = 200  # a browser without a graphics card takes some 60 ms for a picture
@@ -23,8 +23,6 @@ _SPANS = {"10 s": 10.0, "60 s": 60.0, "all": math.inf}
 _PAUSE, _NEXT_BEGAN = "Pause", "Paused: another run began"
 _WRAPPED = {"flex-wrap": "wrap"}
 _WIDTH_PX, _HEIGHT_PX = 320, 230
-_LABEL_ROOM = 0.25  # above the highest line, as a fraction of its height
-_TOOLS = "xpan,xwheel_zoom,xbox_zoom,reset"
 
 
 class Colours(NamedTuple):
@@ -51,11 +49,11 @@ class Picture:
         self._drawn: tuple[object, ...] = ()
         self._overtaken = False
         self._span = RadioButtonGroup(labels=list(_SPANS), active=0)
-        self._span.on_change("active", self._spanned)
+        self._span.on_change("active", lambda _name, _old, _new: self._follow())
         self._pause = Toggle(label=_PAUSE)
         self._time, self._placed = Range1d(0.0, 1.0, name=TIME), [0.0, 1.0]
-        self._time.on_change("start", self._zoomed)
-        self._time.on_change("end", self._zoomed)
+        for end in ("start", "end"):
+            self._time.on_change(end, self._zoomed)
         self._area = row(sizing_mode="stretch_width", styles=_WRAPPED)
         controls = row(self._span, self._pause, styles=_WRAPPED)
         document.add_root(column(controls, self._area, sizing_mode="stretch_width"))
@@ -93,7 +91,7 @@ class Picture:
         self._plots = [SignalPlot(signal, self._time, self._colours) for signal in (run.signals if run else ())]
         self._spectrum = SpectrumPlot(self._colours) if run and run.force else None
         for plot in self._plots:
-            plot.figure.on_event(Reset, self._reset)
+            plot.figure.on_event(Reset, self._follow)
         self._area.children = [plot.block for plot in (*self._plots, self._spectrum) if plot is not None]
 
     def _move_to(self, span_s: list[float]) -> None:
@@ -108,11 +106,8 @@ class Picture:
             self._pause.active = True
             self._placed[place] = float(new)
 
-    def _spanned(self, _name: str, _old: int, _new: int) -> None:
-        """Follow the newest rows over another span, even if the picture was paused."""
-        self._pause.active = False
-
-    def _reset(self, _event: Any) -> None:
+    def _follow(self) -> None:
+        """Follow the newest rows, maybe over another span, even if the picture was paused."""
         self._pause.active = False
 
     def _left(self, _session: object) -> None:
@@ -126,7 +121,8 @@ class SignalPlot:
         """Make the plot; all plots share its time axis."""
         self._signal = signal
         self.source = ColumnDataSource({name: [] for name in ("t", *signal.names)})
-        self.figure = _figure("s", colours, x_range=time_range)
+        title = f"{signal.title}, {signal.unit}" if signal.unit else signal.title
+        self.figure, self.block = _framed("s", title, signal.names, colours, x_range=time_range)
         for k, name in reversed([*enumerate(signal.names)]):  # a rotor shakes Fz most: it would cover Fx and Fy
             look = {"source": self.source, "color": colours.lines[k % len(colours.lines)]}
             if signal.style == "steps":
@@ -135,7 +131,6 @@ class SignalPlot:
                 self.figure.line("t", name, line_width=1.3, **look)
             if signal.style == "marks":
                 self.figure.scatter("t", name, size=5, **look)
-        self.block = _block(self.figure, signal.title, signal.unit, signal.names, colours)
 
     def draw(self, begin_s: float, end_s: float, now_s: float) -> None:
         """Draw a span of time; the last of `steps` extends to `now_s`."""
@@ -156,12 +151,12 @@ class SpectrumPlot:
         self._source = ColumnDataSource({"f": [], "a": []})
         self._rotors = ColumnDataSource({"f": [], "a": [], "label": []})
         curve, mark = colours.lines[:2]
-        self.figure = _figure("Hz", colours, x_range=(0.0, HIGHEST_HZ), y_range=DataRange1d(start=0.0))
-        self.figure.y_range.range_padding = _LABEL_ROOM
+        height = DataRange1d(start=0.0, range_padding=0.25)  # room for the label above the highest line
+        ranges = {"x_range": (0.0, HIGHEST_HZ), "y_range": height}
+        self.figure, self.block = _framed("Hz", "spectrum of the force, mN", (), colours, **ranges)
         self.figure.line("f", "a", source=self._source, color=curve, line_width=1.2)
         self.figure.scatter("f", "a", source=self._rotors, color=mark, size=7)
         self.figure.text("f", "a", "label", source=self._rotors, text_color=mark, text_font_size="12px", x_offset=6)
-        self.block = _block(self.figure, "spectrum of the force", "mN", (), colours)
 
     def draw(self, lines: RotorLines | None) -> None:
         """Draw a spectrum, unless it is drawn already."""
@@ -170,27 +165,33 @@ class SpectrumPlot:
         if self._drawn is None:
             self.figure.x_range.end = float(lines.frequency_hz[-1])
         self._drawn = lines
-        self._source.data = {"f": lines.frequency_hz, "a": SCALE_MN * lines.force_n}
+        self._source.data = {"f": lines.frequency_hz, "a": lines.height}
         self._rotors.data = {
-            "f": [peak.frequency_hz for peak in lines.rotors],
-            "a": [SCALE_MN * peak.force_n for peak in lines.rotors],
-            "label": [f"{peak.label} {peak.frequency_hz:.0f} Hz" for peak in lines.rotors],
+            "f": [frequency_hz for frequency_hz, _, _ in lines.rotors],
+            "a": [height for _, height, _ in lines.rotors],
+            "label": [f"{name} {frequency_hz:.0f} Hz" for frequency_hz, _, name in lines.rotors],
         }
 
 
-def _figure(x_unit: str, colours: Colours, **more: object) -> figure:
+def _framed(
+    x_unit: str, title: str, names: tuple[str, ...], colours: Colours, **ranges: object
+) -> tuple[figure, Column]:
+    """Return an empty plot, and a block of it below its title and the names of its curves.
+
+    Bokeh redraws its own legend with every update of the data, which takes a quarter of a picture's time.
+    """
     plot = figure(
         x_axis_label=x_unit,
         height=_HEIGHT_PX,
         min_width=_WIDTH_PX,
         sizing_mode="stretch_width",
-        tools=_TOOLS,
+        tools="xpan,xwheel_zoom,xbox_zoom,reset",
         active_scroll="xwheel_zoom",
         active_drag="xpan",
         background_fill_alpha=0,
         border_fill_alpha=0,
         outline_line_color=colours.grid,
-        **more,
+        **ranges,
     )
     plot.toolbar.logo = None
     plot.toolbar.autohide = True
@@ -198,19 +199,11 @@ def _figure(x_unit: str, colours: Colours, **more: object) -> figure:
     plot.axis.axis_line_color = plot.axis.major_tick_line_color = plot.axis.minor_tick_line_color = colours.text
     plot.grid.grid_line_color = colours.grid
     plot.add_tools(HoverTool(mode="vline", tooltips=[(x_unit, "$x{0.000}"), ("value", "$y{0.000}")]))
-    return plot
-
-
-def _block(plot: figure, title: str, unit: str, names: tuple[str, ...], colours: Colours) -> Column:
-    """Return a plot below its title and the names of its curves.
-
-    Bokeh redraws its own legend with every update of the data, which takes a quarter of a picture's time.
-    """
     curves = "".join(
         f' <span style="color: {colours.lines[k % len(colours.lines)]}">{escape(name)}</span>'
         for k, name in enumerate(names)
         if len(names) > 1
     )
-    words = f"<b>{escape(f'{title}, {unit}' if unit else title)}</b>{curves}"
-    heading = Div(text=words, styles={"color": colours.text, "font-size": "13px", "overflow-wrap": "anywhere"})
-    return column(heading, plot, sizing_mode="stretch_width", styles={"flex": f"1 1 {_WIDTH_PX}px"})
+    look = {"color": colours.text, "font-size": "13px", "overflow-wrap": "anywhere"}
+    heading = Div(text=f"<b>{escape(title)}</b>{curves}", styles=look)
+    return plot, column(heading, plot, sizing_mode="stretch_width", styles={"flex": f"1 1 {_WIDTH_PX}px"})

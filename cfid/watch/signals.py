@@ -21,8 +21,6 @@ from cfid.wire.rls import STEPS_PER_TURN, turns_of
 Array = npt.NDArray[np.float64]
 Convert = Callable[[Array], Array]
 
-SCALE_MN = 1e3  # forces are drawn in mN, torques in mN m
-
 _START_S = 0.3  # motors are off for at least this long at the start of every recording with motors
 
 _NO_VALUES = {"t", "vehicle_ms", "vehicle_us", "device_us", "sample", "report", "status", "stable", "withdrawn"}
@@ -55,10 +53,6 @@ class Trace:
         """Start without a sample."""
         self.extremes = Extremes(len(self.names))
 
-    def add(self, time_s: Array, rows: Array) -> None:
-        """Add a device's rows at times (n,)."""
-        self.extremes.add(time_s, self.convert(rows))
-
 
 def signals_of(device: str, record: DeviceRecord, *, rests: bool) -> list[Trace]:
     """Return the signals of a device of any kind: an unknown column is drawn in its own unit.
@@ -66,7 +60,7 @@ def signals_of(device: str, record: DeviceRecord, *, rests: bool) -> list[Trace]
     A load cell that `rests` at first, unloaded, is drawn without its bias.
     """
     if device == ENCODER and "phi" in record.columns:
-        return [Trace(title="angle", unit="degrees", names=("angle",), convert=_Angle(record))]
+        return [Trace(title="angle", unit="degrees", names=("angle",), convert=_angle(record))]
     if device == LOADCELL and set(AXES) <= set(record.columns):
         return [_of_cell(record, AXES[:3], rests=rests), _of_cell(record, AXES[3:], rests=rests)]
     if device == SUPERVISOR:  # its states are words, not values to draw
@@ -78,11 +72,10 @@ def _of_cell(record: DeviceRecord, axes: tuple[str, ...], *, rests: bool) -> Tra
     facts = record.model_extra or {}
     title, unit, scale = ("forces", "mN", "counts_per_n") if axes[0] == "Fx" else ("torques", "mN m", "counts_per_nm")
     per_unit = 1.0 if facts.get("units") == "n,nm" else float(facts.get(scale) or USUAL_COUNTS)
-    convert = _picked(record, axes, SCALE_MN / per_unit)
-    if not rests:
-        return Trace(title=title, unit=unit, names=axes, convert=convert)
-    title = f"{title}, less those of the first {_START_S:g} s"
-    return Trace(title=title, unit=unit, names=axes, convert=_SinceStart(convert))
+    convert = _picked(record, axes, 1e3 / per_unit)
+    if rests:
+        title, convert = f"{title}, less those of the first {_START_S:g} s", _since_start(convert)
+    return Trace(title=title, unit=unit, names=axes, convert=convert)
 
 
 def _groups(device: str, record: DeviceRecord) -> Iterator[Trace]:
@@ -109,40 +102,36 @@ def _picked(record: DeviceRecord, names: tuple[str, ...], factor: float) -> Conv
     return lambda rows: factor * rows[:, places]
 
 
-class _SinceStart:
-    """Values less their mean over the first moment: a load cell's bias would hide what changes."""
+def _since_start(convert: Convert) -> Convert:
+    """Return values less their mean over the first moment: a load cell's bias would hide what changes."""
+    until_s, total, count = math.nan, np.zeros(1), np.zeros(1)
 
-    def __init__(self, convert: Convert) -> None:
-        self._convert, self._until_s = convert, math.nan
-        self._sum: Array | float = 0.0
-        self._count: Array | float = 0.0
+    def converted(rows: Array) -> Array:
+        nonlocal until_s, total, count
+        values = convert(rows)
+        if math.isnan(until_s):
+            until_s = float(rows[0, 0]) + _START_S
+        early = values[rows[:, 0] < until_s]
+        total = total + np.nansum(early, axis=0)
+        count = count + np.isfinite(early).sum(axis=0)
+        return np.asarray(values - total / np.maximum(count, 1.0))
 
-    def __call__(self, rows: Array) -> Array:
-        values = self._convert(rows)
-        if math.isnan(self._until_s):
-            self._until_s = float(rows[0, 0]) + _START_S
-        early = values[rows[:, 0] < self._until_s]
-        self._sum = self._sum + np.nansum(early, axis=0)
-        self._count = self._count + np.sum(np.isfinite(early), axis=0)
-        return values - self._sum / np.maximum(self._count, 1.0)
+    return converted
 
 
-class _Angle:
-    """Converts counts to a continuous angle in degrees; words that fail their check are left out."""
+def _angle(record: DeviceRecord) -> Convert:
+    """Return counts as a continuous angle in degrees; words that fail their check are left out."""
+    in_radians = (record.model_extra or {}).get("angle_unit") == "rad"
+    per_turn = math.tau if in_radians else record.counts_per_turn or STEPS_PER_TURN
+    place, before = record.columns.index("phi"), np.empty(0)
 
-    def __init__(self, record: DeviceRecord) -> None:
-        in_radians = (record.model_extra or {}).get("angle_unit") == "rad"
-        self._counts = math.tau if in_radians else record.counts_per_turn or STEPS_PER_TURN
-        self._place, self._last_turns = record.columns.index("phi"), math.nan
-
-    def __call__(self, rows: Array) -> Array:
-        turns, valid = turns_of(rows[:, self._place], self._counts)
-        good = turns[valid]
-        if len(good):
-            before = good[0] if math.isnan(self._last_turns) else self._last_turns
-            steps = np.diff(good, prepend=before)
-            good = before + np.cumsum(steps - np.round(steps))
-            self._last_turns = float(good[-1])
+    def converted(rows: Array) -> Array:
+        nonlocal before
+        turns, valid = turns_of(rows[:, place], per_turn)
+        good = np.unwrap(np.concatenate([before, turns[valid]]), period=1.0)[len(before) :]
+        before = good[-1:] if len(good) else before
         degrees = np.full((len(turns), 1), np.nan)
         degrees[valid, 0] = 360 * good
         return degrees
+
+    return converted

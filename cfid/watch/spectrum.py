@@ -25,44 +25,39 @@ _BLADES, _MOST_ROTORS = 2, 4
 _LOBE = 3.0  # resolutions to each side of a line that belong to it
 
 
-class Peak(NamedTuple):
-    """A line of a rotor: its frequency, its height in N and what it is."""
-
-    frequency_hz: float
-    force_n: float
-    label: str
-
-
 class RotorLines(NamedTuple):
-    """Amplitudes (m,) of the force in N at frequencies (m,), all axes together, and the rotors' lines in them."""
+    """Amplitudes (m,) of the force at frequencies (m,), all axes together, and the rotors' lines in them.
+
+    Each of the latter is its frequency, its height and what it is.
+    """
 
     frequency_hz: Array
-    force_n: Array
-    rotors: tuple[Peak, ...]
+    height: Array
+    rotors: list[tuple[float, float, str]]
 
 
-def spectrum_of(time_s: Array, force_n: Array) -> RotorLines | None:
-    """Return the spectrum of the newest of samples (n,), (n, 3), and the rotors' lines.
+def spectrum_of(time_s: Array, force: Array) -> RotorLines | None:
+    """Return the spectrum of the newest of samples (n,), (n, 3) in their own unit, and the rotors' lines.
 
     Returns None where the samples are too few, or have a gap.
     """
-    newest = time_s > time_s[-1] - LENGTH_S if len(time_s) else np.empty(0, bool)
-    time_s, force_n = time_s[newest], force_n[newest]
-    if len(time_s) < FEWEST or not np.isfinite(force_n).all():
+    newest = time_s > time_s[-1:] - LENGTH_S
+    time_s, force = time_s[newest], force[newest]
+    if len(time_s) < FEWEST or not np.isfinite(force).all():
         return None
     interval_s = float(time_s[-1] - time_s[0]) / (len(time_s) - 1)
     if float(np.median(np.diff(time_s))) < 0.5 * interval_s:
         return None
-    seen = spectrum(signal=force_n, interval_s=interval_s, length_s=LENGTH_S)
+    seen = spectrum(signal=force, interval_s=interval_s, length_s=LENGTH_S)
     shown = seen.frequency_hz <= HIGHEST_HZ
     height = np.sqrt(np.sum(seen.amplitude**2, axis=1))
     folded = aliased(interval_s, _BLADES, PLAUSIBLE_RAD_PER_S[1])  # to any frequency
-    return RotorLines(seen.frequency_hz[shown], height[shown], () if folded else tuple(_rotor_lines(seen, height)))
+    return RotorLines(seen.frequency_hz[shown], height[shown], [] if folded else _rotor_lines(seen, height))
 
 
-def _rotor_lines(seen: Spectrum, height: Array) -> list[Peak]:
+def _rotor_lines(seen: Spectrum, height: Array) -> list[tuple[float, float, str]]:
     """Find rotors one after another: the lines of the most evident one are removed before the next is sought."""
-    comb, peaks = rotor_comb(_BLADES), list[Peak]()
+    comb, lines = rotor_comb(_BLADES), list[tuple[float, float, str]]()
     grid = comb.candidates(seen, PLAUSIBLE_RAD_PER_S)
     for _ in range(_MOST_ROTORS):
         evidence = comb.lines(seen, grid)
@@ -74,10 +69,10 @@ def _rotor_lines(seen: Spectrum, height: Array) -> list[Peak]:
         for harmonic in clear_lines(comb, evidence[:, best]):
             place = int(np.abs(seen.frequency_hz - harmonic * turning_hz).argmin())
             label = {1: "rotor", _BLADES: "blade pass"}.get(harmonic, f"rotor × {harmonic}")
-            peaks.append(Peak(float(seen.frequency_hz[place]), float(height[place]), label))
+            lines.append((float(seen.frequency_hz[place]), float(height[place]), label))
         amplitude = seen.amplitude.copy()
         for harmonic in comb.harmonics:
             near = np.abs(seen.frequency_hz - harmonic * turning_hz) < _LOBE / seen.length_s
             amplitude[near] = seen.floor[near]
         seen = seen._replace(amplitude=amplitude)
-    return peaks
+    return lines

@@ -46,8 +46,12 @@ class MotorStop:
         run = self._shown.run
         if driven := vehicles_driven(run):
             return driven
-        drove = () if run is None else vehicles_of(run.header)
-        return tuple({resolved(uri): uri for uri in (*drove, *self._named(run))}.values())
+        stopped = [] if run is None else vehicles_of(run.header)
+        if campaign := self._of_run():
+            with suppress(ConfigError):  # an invalid rig.toml names none
+                devices, _ = devices_in(campaign, load_rig(campaign / RIG_FILE))
+                stopped += [devices.crazyflie.uri] if devices.crazyflie.uri else []
+        return tuple({resolved(uri): uri for uri in stopped}.values())
 
     def press(self) -> StopReport:
         """Stop all motors of these vehicles, all at once; return whether every vehicle confirmed the stop.
@@ -61,9 +65,8 @@ class MotorStop:
         return self._running.result()
 
     def _stop(self) -> StopReport:
-        run, vehicles = self._shown.run, self.vehicles()
-        failed = MAY_BE_RUNNING if vehicles_driven(run) else "NOT STOPPED"
-        campaign = self._campaign_of(run)
+        vehicles, campaign = self.vehicles(), self._of_run()
+        failed = MAY_BE_RUNNING if vehicles_driven(self._shown.run) else "NOT STOPPED"
         where = [] if campaign is None else ["--campaign", str(campaign)]
         if not vehicles:
             if others := vehicles_locked():
@@ -76,27 +79,17 @@ class MotorStop:
         lines = [line for report in reports for line in report.text.splitlines() if not line.endswith(void)]
         return StopReport(all(report.stopped for report in reports), "\n".join(lines))
 
-    def _named(self, run: LiveRun | None) -> tuple[str, ...]:
-        """Return the vehicle that the campaign's rig.toml names; none where it names none, or is invalid."""
-        campaign = self._campaign_of(run)
-        if campaign is None:
-            return ()
-        try:
-            devices, _ = devices_in(campaign, load_rig(campaign / RIG_FILE))
-        except ConfigError:
-            return ()
-        return (devices.crazyflie.uri,) if devices.crazyflie.uri else ()
-
-    def _campaign_of(self, run: LiveRun | None) -> Path | None:
-        """Return the folder of a run's campaign, else the page's; its rig.toml need not be valid."""
+    def _of_run(self) -> Path | None:
+        """Return the campaign of the shown run, else the page's; its rig.toml need not be valid."""
+        run = self._shown.run
         folder = None if run is None else run.folder.resolve().parent.parent
         return folder if folder is not None and (folder / RIG_FILE).is_file() else self._campaign
 
 
-def vehicles_of(header: RunHeader) -> tuple[str, ...]:
+def vehicles_of(header: RunHeader) -> list[str]:
     """Return the addresses of the vehicles among a run's devices: each device that uses one states it."""
     stated = [(device.model_extra or {}).get("uri") for device in header.devices.values()]
-    return tuple(dict.fromkeys(uri for uri in stated if isinstance(uri, str)))
+    return list(dict.fromkeys(uri for uri in stated if isinstance(uri, str)))
 
 
 def vehicles_driven(run: LiveRun | None) -> tuple[str, ...]:
