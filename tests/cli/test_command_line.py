@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 from cfid.cli.table import COMMANDS
-from cfid.version import __version__
 
 Cfid = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -36,10 +35,6 @@ def test_a_fit_that_draws_nothing_does_not_wait_for_matplotlib() -> None:
     assert ended.stdout.strip().endswith("loaded: ['cfid.inertia.result']"), ended.stderr
 
 
-def test_the_version_is_printed(cfid: Cfid) -> None:
-    assert cfid("--version").stdout.strip() == f"cfid {__version__}"
-
-
 @pytest.mark.parametrize("command", [path for path, (function, _) in COMMANDS.items() if function])
 def test_every_command_has_help_with_an_example(cfid: Cfid, command: str) -> None:
     ended = cfid(*command.split(), "--help")
@@ -60,10 +55,6 @@ def test_a_warning_of_a_library_is_a_sentence_without_a_place_in_its_source() ->
     ended = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True, check=True)
 
     assert ended.stderr.strip() == "note: a library that cfid uses warns: invalid value in divide."
-
-
-def test_an_unknown_option_is_a_usage_error(cfid: Cfid) -> None:
-    assert cfid("fit", "swing", "x.csv", "--nonsense").returncode == 2
 
 
 def test_an_error_is_one_sentence_on_stderr_and_nothing_on_stdout(cfid: Cfid) -> None:

@@ -62,15 +62,6 @@ def test_a_fit_of_fewer_points_is_kept_beside_the_better_one_which_stays_in_forc
     assert kept[-1]["section"]["parameters"]["motor.thrust_poly"] == shown["parameters"]["motor.thrust_poly"]
 
 
-def test_a_poorer_fit_ends_with_one_note_that_names_both(cfid: Cfid, lab: Path) -> None:
-    ended = cfid("fit", "thrust", "few.csv", "--no-figures", "--force", folder=lab)
-    said = " ".join(ended.stderr.split())
-
-    assert ended.returncode == 0
-    assert said.count("note: kept as 0002_thrust") == 1
-    assert "0001_thrust is more certain" in said
-
-
 def test_why_lists_the_candidates_of_a_key(cfid: Cfid, lab: Path) -> None:
     cfid("fit", "thrust", "few.csv", "--no-figures", folder=lab)
     rows = json.loads(cfid("parameters", "--why", "motor.thrust_poly", "--json", folder=lab).stdout)["candidates"]

@@ -8,10 +8,6 @@ from pathlib import Path
 import pytest
 
 from cfid.console.messages import fault, in_options
-from cfid.errors import ConfigError
-from cfid.recordings.angle import angle_of
-from cfid.recordings.read import read_recording
-from cfid.recordings.recording import How
 from tests.places import ROOT
 
 COMMANDS = ROOT / "docs" / "reference" / "commands.md"
@@ -47,11 +43,6 @@ def test_no_string_below_the_command_line_names_an_option() -> None:
     assert {option: path for option, path in named(OPTION).items() if option not in OF_ANOTHER_PROGRAM} == {}
 
 
-def test_options_are_seen_in_strings_and_not_in_docstrings() -> None:
-    assert list(literals('"""--a"""\ndef f():\n    """--b"""\n    return f"{g} --c"\n')) == [" --c"]
-    assert OPTION.findall("give --rate-hz, or --units n,nm: a---b") == ["--rate-hz", "--units"]
-
-
 def test_every_setting_in_a_message_becomes_an_option_that_there_is() -> None:
     options = set(OPTION.findall(COMMANDS.read_text(encoding="utf-8")))
     settings = named(SETTING)
@@ -73,12 +64,3 @@ def test_the_command_line_shows_options_for_settings(text: str, shown: str, caps
     fault(text)
 
     assert capsys.readouterr().err.strip() == f"cfid: {shown}"
-
-
-def test_in_python_a_message_names_a_setting_that_its_function_takes(tmp_path: Path) -> None:
-    path = tmp_path / "swing.csv"
-    path.write_text("when,phi_rad\n" + "".join(f"{k / 100},{k / 50}\n" for k in range(100)))
-
-    with pytest.raises(ConfigError, match="in `columns` t=1"):
-        angle_of(read_recording(path))
-    assert len(angle_of(read_recording(path, How(columns=("t=when",)))).time_s) == 100

@@ -55,10 +55,3 @@ def test_devices_of_one_run_have_a_figure_and_numbers_each(cfid: Cfid, tmp_path:
     numbers = json.loads(cfid("show", run, "--json").stdout)["parameters"]
     assert numbers["recording.crazyflie.mean.pm.vbat"]["value"] == pytest.approx(4.0)
     assert numbers["recording.commands.duration_s"]["value"] == 4
-
-
-def test_the_terminal_shows_the_first_column_that_says_something(cfid: Cfid, tmp_path: Path) -> None:
-    ended = cfid("show", recorded(tmp_path, "crazyflie"), "--terminal")
-
-    assert ended.returncode == 0
-    assert "pm.vbat" in ended.stdout

@@ -72,15 +72,6 @@ def test_a_load_cell_run_is_told_in_newtons(cfid: Cfid, tmp_path: Path) -> None:
     assert sentences(result) == ["2026-11-21_083012_loadcell: recorded on the simulated rig."]
 
 
-def test_a_load_cell_run_is_drawn_beside_itself_and_in_the_terminal(cfid: Cfid, tmp_path: Path) -> None:
-    run = recorded(tmp_path)
-    drawn, terminal = cfid("show", run), cfid("show", run, "--terminal")
-
-    assert drawn.returncode == terminal.returncode == 0, drawn.stderr + terminal.stderr
-    assert (run / "loadcell_recording.png").exists()
-    assert "Fz, N" in terminal.stdout
-
-
 def test_a_bare_file_is_told_from_a_swing_by_its_columns(cfid: Cfid, tmp_path: Path) -> None:
     result = shown(cfid("show", bare(tmp_path / "fts.csv"), "--json"))
     assert "recording.mean_n" in result["parameters"]

@@ -40,14 +40,6 @@ def test_every_series_of_a_log_has_a_view(cfid: Cfid, tmp_path: Path) -> None:
     assert numbers["recording.estPosition.range.count"]["value"] == [0, 19]
 
 
-def test_a_figure_that_has_no_place_is_no_fault_of_a_fit(cfid: Cfid, tmp_path: Path) -> None:
-    path = written(tmp_path, single(1000))
-    ended = cfid("show", path, "--out", path)
-    assert ended.returncode == 2
-    assert "no figure can be written" in ended.stderr
-    assert "of this fit" not in ended.stderr
-
-
 @pytest.mark.parametrize("records", [1, 2])
 def test_events_without_variables_are_shown_by_their_times_in_a_log_and_in_the_run_made_of_it(
     cfid: Cfid, tmp_path: Path, records: int
@@ -116,13 +108,3 @@ def test_a_table_of_a_stand_shows_commands_and_si_units(cfid: Cfid, tmp_path: Pa
     assert numbers["recording.range.cmd"]["value"] == [0, pytest.approx(65535 * 99 / 1000, abs=1)]
     assert numbers["recording.range.thrust_n"]["value"] == [0, pytest.approx(99 * 9.80665e-3)]
     assert numbers["recording.range.thrust_n"]["unit"] == "N"
-
-
-@pytest.mark.parametrize("text", ["", "some prose\nwithout numbers\n", "a,colour\n0,red\n1,blue\n"])
-def test_what_is_no_recording_gets_the_sentence_of_the_fits(cfid: Cfid, tmp_path: Path, text: str) -> None:
-    path = tmp_path / "other.csv"
-    path.write_text(text)
-    shown, fitted = cfid("show", path), cfid("fit", "swing", path)
-    for ended in (shown, fitted):
-        assert ended.returncode in (2, 4)
-        assert len(ended.stderr.splitlines()) == 1

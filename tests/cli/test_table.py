@@ -7,7 +7,6 @@ from importlib import import_module
 
 import pytest
 
-from cfid.cli.main import main
 from cfid.cli.table import COMMANDS
 
 FUNCTIONS = {path: (function, line) for path, (function, line) in COMMANDS.items() if function is not None}
@@ -36,18 +35,6 @@ def test_every_row_stands_below_a_group_of_the_table(path: str) -> None:
 
     assert word
     assert not above or above in COMMANDS
-
-
-@pytest.mark.parametrize("group", [path for path, (function, _) in COMMANDS.items() if function is None])
-def test_a_group_lists_each_of_its_commands_with_its_line(group: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        main([group, "--help"])
-
-    shown = " ".join(capsys.readouterr().out.replace("│", " ").split())
-    below = {path.split()[-1]: line for path, (_, line) in COMMANDS.items() if path.startswith(f"{group} ")}
-    assert below
-    for word, line in below.items():
-        assert f" {word} {line}" in shown
 
 
 @pytest.mark.parametrize("words", [("--help",), ("fit", "--help"), ("fit", "nonsense"), ("log",)], ids=" ".join)

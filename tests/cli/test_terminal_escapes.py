@@ -29,23 +29,6 @@ def harmless(said: subprocess.CompletedProcess[str]) -> bool:
     return all(letter.isprintable() or letter == "\n" for letter in printed) and "Traceback" not in printed
 
 
-def test_a_note_is_printed_without_its_escapes_and_its_markup_is_text(cfid: Cfid, campaign: Path) -> None:
-    devices = {"encoder": DeviceRecord(file="encoder.csv", columns=("t", "phi"))}
-    with create_run(
-        campaign / "runs",
-        kind="swing",
-        label=Label(note=EVIL),
-        devices=devices,
-        started=datetime(2026, 11, 21, tzinfo=UTC),
-        cfid_version="0",
-    ) as run:
-        run.append("encoder", ([1.0, 2.0], [3, 4]))
-    for words in (("runs",), ("runs", "note", "last", "more"), ("show", "last"), ("fit", "swing", "last"), ("status",)):
-        said = cfid(*words, folder=campaign)
-        assert harmless(said), (words, said.stdout, said.stderr)
-    assert "[/red]" in cfid("runs", folder=campaign).stdout
-
-
 def test_a_key_of_rig_toml_is_printed_without_its_escapes(cfid: Cfid, campaign: Path) -> None:
     with (campaign / RIG_FILE).open("a") as file:
         file.write('\n["\\u001b[2J\\u0007\\nFORGED"]\nkey = 1\n')
@@ -63,13 +46,6 @@ def test_json_for_a_file_has_escapes_where_it_is_printed(cfid: Cfid, campaign: P
     assert said.returncode == 0, said.stderr
     assert harmless(said), said.stdout
     assert json.loads(said.stdout)["name"].startswith("\x9b31m\u202e\u2028")
-
-
-def test_a_name_that_is_no_run_is_printed_without_its_escapes(cfid: Cfid, campaign: Path) -> None:
-    said = cfid("show", EVIL, folder=campaign)
-
-    assert said.returncode != 0
-    assert harmless(said), said.stderr
 
 
 def test_reasons_and_names_of_runs_are_printed_without_escapes_and_begin_no_line_of_their_own(
@@ -90,14 +66,6 @@ def test_reasons_and_names_of_runs_are_printed_without_escapes_and_begin_no_line
         said = cfid(*words, folder=campaign)
         assert harmless(said), (words, said.stdout, said.stderr)
         assert not any(line.startswith("FORGED") for line in (said.stdout + said.stderr).splitlines())
-
-
-def test_a_folder_with_an_evil_name_is_printed_without_its_escapes(cfid: Cfid, tmp_path: Path) -> None:
-    folder = tmp_path / "\x1b[2Jevil\x07"
-    for words in (("new", folder), ("set", "mass_kg", "0.03", "--campaign", folder), ("report", "--campaign", folder)):
-        said = cfid(*words, folder=tmp_path)
-        assert said.returncode == 0, said.stderr
-        assert harmless(said), (words, said.stdout)
 
 
 @pytest.mark.parametrize("name", ["fleet.csv", "fleet.html"])

@@ -3,6 +3,7 @@
 import contextlib
 import json
 import re
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -17,7 +18,6 @@ from cfid.console.outcome import deliver
 from cfid.console.verdicts import judged
 from cfid.errors import DataError, DeviceError
 from cfid.findings import warning
-from cfid.motors.command import StaircaseOptions, announce, thrust_staircase
 from cfid.records.campaign import open_campaign
 from cfid.records.parameters import Parameter
 from cfid.records.result import Result
@@ -54,50 +54,45 @@ def joined(lines: list[str]) -> str:
     return " ".join(" ".join(lines).split())
 
 
-@pytest.mark.parametrize("columns", [40, 80])
-def test_a_line_of_a_check_and_its_advice_fit(terminal: Terminal, columns: int) -> None:
-    def report() -> None:
-        with pytest.raises(DeviceError, match="not ready: loadcell"):
-            report_answers("rig preflight", {"loadcell": [ANSWER]}, simulated=True, json=False)
+def check() -> None:
+    with contextlib.suppress(DeviceError):
+        report_answers("rig preflight", {"loadcell": [ANSWER]}, simulated=True, json=False)
 
+
+def question() -> None:
+    print(fitted(LONG, err=True), file=sys.stderr)
+
+
+def message_above_a_live_line() -> None:
+    live = LiveLine()
+    live.tell(LONG)
+    live.end()
+
+
+def result() -> None:
+    deliver(Result(command="tf latency", section="", method="default", quantities={}, lines=(LONG,)), Delivery(), None)
+
+
+@pytest.mark.parametrize(
+    ("speak", "err", "columns"),
+    [
+        (check, False, 40),
+        (check, False, 80),
+        (question, True, 80),
+        (message_above_a_live_line, True, 80),
+        (result, False, 80),
+    ],
+)
+def test_what_is_said_fits_and_is_whole(terminal: Terminal, speak: Callable[[], None], err: bool, columns: int) -> None:
     terminal.resize(columns)
-    lines = lines_of(terminal, report)
+    frames = [frame for line in lines_of(terminal, speak, err=err) for frame in line.split("\r")]
 
-    assert all(len(line) <= columns for line in lines)
-    assert joined(lines).endswith(LONG.strip())
-
-
-@pytest.mark.parametrize("motors", [None, ["1"]])
-def test_what_a_staircase_would_do_fits(terminal: Terminal, motors: list[str] | None) -> None:
-    lines = lines_of(terminal, lambda: announce(thrust_staircase(StaircaseOptions(), motors)))
-
-    assert all(len(line) <= COLUMNS for line in lines)
-    assert ("motors 1, 3" in joined(lines)) == (motors is None)
+    assert all(len(frame) <= columns for frame in frames)
+    assert LONG.strip() in joined(frames)
 
 
 def test_a_pipe_gets_a_line_as_it_is() -> None:
     assert fitted(LONG, indent=3) == LONG
-
-
-def test_a_question_on_stderr_is_wrapped_at_its_own_terminal(terminal: Terminal) -> None:
-    with contextlib.redirect_stderr(terminal.file):
-        lines = fitted(LONG, err=True).splitlines()
-
-    assert len(lines) > 1
-    assert all(len(line) <= COLUMNS for line in lines)
-    assert " ".join(lines) == LONG.strip()
-
-
-def test_a_message_above_the_live_line_fits(terminal: Terminal) -> None:
-    def speak() -> None:
-        live = LiveLine()
-        live.tell(LONG)
-        live.end()
-
-    lines = [line for line in lines_of(terminal, speak, err=True) if line.strip("\r ")]
-
-    assert all(len(frame) <= COLUMNS for line in lines for frame in line.split("\r"))
-    assert joined([line.replace("\r", " ") for line in lines]) == LONG.strip()
 
 
 def test_what_is_typed_is_seen_on_half_a_terminal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -142,16 +137,6 @@ def test_the_end_of_input_at_next_and_a_silent_cell_are_said_within_80_columns(
     assert all(len(frame) <= COLUMNS for frame in frames if str(tmp_path) not in frame)
     assert "standard input ended" in joined(frames)
     assert "sent nothing more" in joined(frames)
-
-
-def test_the_lines_of_a_result_fit_and_tables_stay(terminal: Terminal) -> None:
-    row = "first      1.0000     2.0000"
-    result = Result(command="tf latency", section="", method="default", quantities={}, lines=(row, LONG.strip()))
-    lines = lines_of(terminal, lambda: deliver(result, Delivery(), None))
-
-    assert lines[0] == row
-    assert all(len(line) <= COLUMNS for line in lines)
-    assert " ".join(lines[1:]) == LONG.strip()
 
 
 @pytest.mark.parametrize(("columns", "is_a_table"), [(40, False), (60, True), (80, True)])

@@ -307,15 +307,6 @@ def test_a_command_ends_with_the_verdict_and_lists_tell_what_is_not_usable(tmp_p
 # What becomes of a verdict
 
 
-def test_the_summary_of_a_run_that_a_fault_ended_says_the_fault_once(bodies: Path) -> None:
-    run = runs_of(bodies, "swing")[0]
-    failed = run.header.model_copy(update={"state": "failed", "reason": "the plug."})
-    stairs = failed.model_copy(update={"requested": {"steps": [0, 2000]}})
-
-    assert "the plug." not in verdict_line(Run(folder=run.folder, header=failed))
-    assert f"--resume {run.folder.name}" in verdict_line(Run(folder=run.folder, header=stairs))
-
-
 def test_the_list_of_runs_states_what_is_not_usable_and_show_says_why(bodies: Path, cfid: Cfid) -> None:
     spoilt, stopped, *_ = runs_of(bodies, "swing")
     amend_run(spoilt, verdict=Verdict(usable=False, text="a cable, or a hand."))
