@@ -70,7 +70,6 @@ class LogAnswer(NamedTuple):
     error: int
 
 
-_SET_BY_NAME = 0
 _PARAMETER_TYPES = {"b": 0, "h": 1, "i": 2, "f": 6, "B": 8, "H": 9, "I": 10}
 
 _LOG_TYPES = {kind: number for number, kind in enumerate("BHIbhif", 1)} | {"e": 8}
@@ -142,16 +141,12 @@ def encode_write_parameter(parameter: Variable, value: float) -> bytes:
 
 def decode_read_parameter(parameter: Variable, payload: bytes) -> float | None:
     """Return the value from the answer to a read of this parameter: its number, a zero, the value."""
-    return Layout(f"<HB{parameter.kind}", _value, mark=(parameter.number, 0)).decode(payload)
+    return Layout(f"<HB{parameter.kind}", lambda value: value, mark=(parameter.number, 0)).decode(payload)
 
 
 def decode_write_parameter(parameter: Variable, payload: bytes) -> float | None:
     """Return the value from the answer to a write of this parameter: its number, then the value now in force."""
-    return Layout(f"<H{parameter.kind}", _value, mark=(parameter.number,)).decode(payload)
-
-
-def _value(value: float) -> float:
-    return value
+    return Layout(f"<H{parameter.kind}", lambda value: value, mark=(parameter.number,)).decode(payload)
 
 
 def encode_set_by_name(name: str, kind: str, value: float) -> bytes:
@@ -166,7 +161,7 @@ def decode_set_by_name(name: str, payload: bytes) -> int | None:
 
 
 def _by_name(name: str) -> bytes:
-    return bytes([_SET_BY_NAME]) + name.replace(".", "\0").encode() + b"\0"
+    return b"\0" + name.replace(".", "\0").encode() + b"\0"  # the first zero is the command
 
 
 def encode_create_log(block: int, variables: Sequence[Variable]) -> bytes:
@@ -194,8 +189,5 @@ def encode_delete_log(block: int) -> bytes:
 def decode_log_row(block: int, variables: Sequence[Variable], payload: bytes) -> tuple[int, tuple[float, ...]] | None:
     """Return the vehicle's milliseconds (24 bits, wrapping) and the values in a row of this block."""
     kinds = "".join(variable.kind for variable in variables)
-    return Layout(f"<B3s{kinds}", _stamped, mark=(block,)).decode(payload)
-
-
-def _stamped(stamp: bytes, *values: float) -> tuple[int, tuple[float, ...]]:
-    return int.from_bytes(stamp, "little"), values
+    row = Layout(f"<B3s{kinds}", lambda stamp, *values: (int.from_bytes(stamp, "little"), values), mark=(block,))
+    return row.decode(payload)

@@ -28,7 +28,6 @@ PRODUCT = "E201 USB Encoder Interface"
 WIDEST_WORD = 32  # bits
 STAMP_BITS = 32  # microseconds, so that a stamp wraps after 71.6 minutes (inferred; no manual states it)
 
-_END = b"\r"
 _LONGEST = 64  # bytes of a reply; the longest known reply, the version, has less than half of that
 _POSITION = re.compile(rb"(\d{1,10})(?:[: ](\d{1,10}))?")
 _WIDTH = re.compile(rb"\D*(\d{1,2})\D*")
@@ -73,7 +72,7 @@ class PositionReader:
     def __init__(self, *, word_bits: int, stamped: bool | None = None) -> None:
         """Take the width of the word, which no position exceeds, and whether replies carry a stamp."""
         self.rejected = self.errors = self.names = 0
-        self._replies = Splitter(longest=_LONGEST, ends=_END)
+        self._replies = Splitter(longest=_LONGEST, ends=b"\r")
         self._limit = 1 << word_bits
         self._stamped = stamped
         self._decided = stamped is not None

@@ -93,7 +93,7 @@ class LineReader:
 
     def _read(self, line: bytes) -> tuple[float, ...] | None:
         text = self._verified(line) if len(line) <= LONGEST_LINE else None
-        words = None if text is None else self._words(_decoded(text.strip()))
+        words = None if text is None else self._words(text.strip())
         if words is None or len(words) != len(self._values):
             return None
         pairs = [(word or "", value) for word, value in zip(words, self._values, strict=True) if value.used]
@@ -112,7 +112,12 @@ class LineReader:
         self._checked = True
         return found[1]
 
-    def _words(self, line: str) -> Sequence[str | None] | None:
+    def _words(self, text: bytes) -> Sequence[str | None] | None:
+        """Return the values in a line, whose degree sign, for example, comes as UTF-8 or as a single byte."""
+        try:
+            line = text.decode("utf-8")
+        except UnicodeDecodeError:
+            line = text.decode("latin-1")
         if self._pattern is None:
             decimal_commas = ";" in line or "\t" in line
             if not decimal_commas and _EITHER.match(line):
@@ -120,14 +125,6 @@ class LineReader:
             return [_QUOTED.sub(r"\1", word) for word in (_SEMICOLONS if decimal_commas else _COMMAS).split(line)]
         match = self._pattern.fullmatch(line)
         return None if match is None else match.groups()
-
-
-def _decoded(line: bytes) -> str:
-    """Return a line as text: a degree sign, for example, comes as UTF-8 or as a single byte."""
-    try:
-        return line.decode("utf-8")
-    except UnicodeDecodeError:
-        return line.decode("latin-1")
 
 
 def checksum(line: bytes) -> int:

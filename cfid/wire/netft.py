@@ -24,9 +24,6 @@ NEWTON_METRES: Mapping[str, float] = {
     "kgfcm": 0.0980665,
 }
 
-_FEWEST_COUNTS, _MOST_COUNTS = 1e-3, 1e12  # per newton or newton metre: boxes have 200 to 1e8
-
-_LONGEST_TEXT = 80  # of a tag
 _TAG = re.compile(r"<([A-Za-z]\w*)>([^<>]*)</\1>")
 
 READ_FORCES = bytes(20)  # READFT: command 0, all else zero, so that nothing is biased
@@ -115,7 +112,7 @@ def read_settings(xml: str) -> Settings:
         buffer_size=_whole(tags, "comrdtbsiz", least=1),
     )
     for name, unit, counts in (("cfgcpf", "N", settings.counts_per_n), ("cfgcpt", "N m", settings.counts_per_nm)):
-        if not _FEWEST_COUNTS <= counts <= _MOST_COUNTS:
+        if not 1e-3 <= counts <= 1e12:  # boxes have 200 to 1e8
             raise ValueError(f"<{name}> is '{_text(tags, name)}', {counts:g} counts per {unit}, as no load cell has")
     return settings
 
@@ -136,9 +133,9 @@ def encode_reading(reading: LoadReading) -> bytes:
 def _tags(xml: str) -> dict[str, str]:
     """Return the page's plain tags; the page is flat, and everything else in it is ignored.
 
-    Texts are cut at a length that no meaningful text of a box reaches.
+    Texts are cut at 80 characters, which no meaningful text of a box reaches.
     """
-    return {name: unescape(text).strip()[:_LONGEST_TEXT] for name, text in _TAG.findall(xml)}
+    return {name: unescape(text).strip()[:80] for name, text in _TAG.findall(xml)}
 
 
 def _text(tags: Mapping[str, str], name: str) -> str:

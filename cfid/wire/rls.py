@@ -18,8 +18,6 @@ STEPS_PER_TURN = 1 << POSITION_BITS
 WORD_COUNTS_PER_TURN = 1 << WORD_BITS
 
 _SHIFT = WORD_BITS - POSITION_BITS
-_GAP_BIT = 1 << REPEATED_BITS
-_REPEATED_MASK = (1 << REPEATED_BITS) - 1
 
 
 class Positions(NamedTuple):
@@ -42,9 +40,9 @@ def decode_words(word: npt.NDArray[np.int64]) -> Positions:
     0 to 8 and 14 to 21 is caught. Bits 9 to 13, the low five of the position, have no copy: flips there pass as
     a position that is up to 31 steps (1.4 degrees) off.
     """
-    gap_is_zero = (word & _GAP_BIT) == 0
+    gap_is_zero = word >> REPEATED_BITS & 1 == 0
     # A negative number, or one beyond 22 bits, has a top that no low byte repeats.
-    repeats = (word & _REPEATED_MASK) == (word >> (WORD_BITS - REPEATED_BITS))
+    repeats = word % (1 << REPEATED_BITS) == (word >> (WORD_BITS - REPEATED_BITS))
     return Positions(position=word >> _SHIFT, valid=gap_is_zero & repeats)
 
 

@@ -23,7 +23,6 @@ USB_VENDOR, USB_PRODUCT = 0x1A86, 0xE008  # of the bridge, a WCH CH9325: UNI-T's
 REPORT_BYTES = 8
 SET_BAUD = b"\0" + BAUD.to_bytes(2, "little") + b"\0\0\x03"  # feature report 0: speed, two unknown, 3 for eight bits
 
-_END = b"\n"
 _LINE_BYTES = 26  # without the LF
 _CHARACTERS = re.compile(rb"[0-?]{24}\r")  # after the first
 _CELLS = 5
@@ -83,7 +82,7 @@ class Ut372Reader:
     def __init__(self) -> None:
         """Start between two packets."""
         self.rejected = 0
-        self._lines = Splitter(longest=_LINE_BYTES, ends=_END)
+        self._lines = Splitter(longest=_LINE_BYTES, ends=b"\n")
 
     def feed(self, data: bytes) -> list[TachometerReading]:
         """Return the readings that `data` completes."""

@@ -62,7 +62,8 @@ READ = Settings(
     buffer_size=40,
 )
 NEEDED = ["prodname", "cfgcpf", "cfgcpt", "scfgfu", "scfgtu", "comrdtrate", "comrdtbsiz"]
-NUMBERS = ["cfgcpf", "cfgcpt", "comrdtrate", "comrdtbsiz"]
+
+
 OPTIONAL = ["mfgdigver", "cfgnam", "cfgcalsn", "cfgmr", "setbias", "comrdte"]
 VALUES = [
     *("", "7", "-1", "nan", "inf", "1e400", "0.5", "N", "N-m", "1;2;3;4;5;6", "1;2;3;4;5;inf", "5e-324", "&lt;", "Ω"),
@@ -75,10 +76,6 @@ def page_with(**texts: str) -> str:
     for tag, text in texts.items():
         page = re.sub(f"<{tag}>[^<]*</{tag}>", f"<{tag}>{text}</{tag}>", page)
     return page
-
-
-def page_without(tag: str) -> str:
-    return re.sub(f"<{tag}>[^<]*</{tag}>", "", PAGE)
 
 
 # Settings
@@ -105,70 +102,57 @@ def test_any_page_is_refused_or_has_settings_that_can_be_meant(texts: dict[str, 
 
 
 @pytest.mark.parametrize(
-    ("unit", "counts", "counts_per_nm"),
+    ("tag", "unit", "counts", "per_newton"),
     [
-        ("N-m", "1000000", 1e6),
-        ("Nmm", "1000", 1e6),
-        ("N-mm", "1000", 1e6),
-        ("kNm", "1e6", 1e3),
-        ("lbf-in", "1000000", 1e6 / 0.112984829),
-        ("lbf-ft", "1000000", 1e6 / 1.355817948),
-        ("kgf-cm", "1000000", 1e6 / 0.0980665),
+        ("force", "kN", "1e6", 1e3),
+        ("force", "lbf", "1e6", 1e6 / 4.448221615),
+        ("force", "klbf", "1e6", 1e3 / 4.448221615),
+        ("force", "kgf", "1e6", 1e6 / 9.80665),
+        *(("torque", unit, counts, 1e6) for unit, counts in (("N-m", "1000000"), ("Nmm", "1000"), ("N-mm", "1000"))),
+        ("torque", "kNm", "1e6", 1e3),
+        ("torque", "lbf-in", "1e6", 1e6 / 0.112984829),
+        ("torque", "lbf-ft", "1e6", 1e6 / 1.355817948),
+        ("torque", "kgf-cm", "1e6", 1e6 / 0.0980665),
     ],
 )
-def test_torque_counts_of_any_unit_become_those_of_a_newton_metre(unit: str, counts: str, counts_per_nm: float) -> None:
-    assert read_settings(page_with(scfgtu=unit, cfgcpt=counts)).counts_per_nm == pytest.approx(counts_per_nm, rel=1e-8)
+def test_counts_of_any_unit_become_those_of_newtons_and_metres(
+    tag: str, unit: str, counts: str, per_newton: float
+) -> None:
+    is_force = tag == "force"
+    settings = read_settings(page_with(**{f"scfg{tag[0]}u": unit, f"cfgcp{tag[0]}": counts}))
+    assert (settings.counts_per_n if is_force else settings.counts_per_nm) == pytest.approx(per_newton, rel=1e-8)
 
 
-@pytest.mark.parametrize(
-    ("unit", "counts_per_n"),
-    [("kN", 1e3), ("lbf", 1e6 / 4.448221615), ("klbf", 1e3 / 4.448221615), ("kgf", 1e6 / 9.80665)],
-)
-def test_force_counts_of_any_unit_become_those_of_a_newton(unit: str, counts_per_n: float) -> None:
-    assert read_settings(page_with(scfgfu=unit)).counts_per_n == pytest.approx(counts_per_n, rel=1e-8)
-
-
-@pytest.mark.parametrize("tag", NEEDED)
+@pytest.mark.parametrize("tag", [*NEEDED, *OPTIONAL])
 def test_a_page_without_a_needed_tag_is_refused_by_its_name(tag: str) -> None:
-    with pytest.raises(ValueError, match=f"<{tag}>"):
-        read_settings(page_without(tag))
-
-
-@pytest.mark.parametrize("tag", OPTIONAL)
-def test_a_page_without_what_is_only_told_is_read(tag: str) -> None:
-    assert read_settings(page_without(tag)).counts_per_n == 1e6
-
-
-@pytest.mark.parametrize(
-    ("tag", "text"),
-    [(tag, text) for tag in NUMBERS for text in ("0", "-1", "nan", "inf", "-inf", "1e400", "", "many", "1,000")]
-    + [("comrdtrate", "0.5"), ("comrdtbsiz", "0.5")],
-)
-def test_a_number_that_cannot_be_meant_is_refused_by_its_tags_name(tag: str, text: str) -> None:
-    with pytest.raises(ValueError, match=f"<{tag}>"):
-        read_settings(page_with(**{tag: text}))
+    page = re.sub(f"<{tag}>[^<]*</{tag}>", "", PAGE)
+    if tag in OPTIONAL:
+        assert read_settings(page).counts_per_n == 1e6
+    else:
+        with pytest.raises(ValueError, match=f"<{tag}>"):
+            read_settings(page)
 
 
 @pytest.mark.parametrize(
-    ("tag", "text", "unit"),
+    ("texts", "named"),
     [
-        ("cfgcpf", "1e-320", "N"),
-        ("cfgcpf", "5e-324", "lbf"),
-        ("cfgcpf", "1e308", "klbf"),
-        ("cfgcpt", "1e308", "Nmm"),
-        ("cfgcpt", "5e-324", "lbf-ft"),
+        *(
+            ({tag: text}, f"<{tag}>")
+            for tag in ("cfgcpf", "cfgcpt", "comrdtrate", "comrdtbsiz")
+            for text in ("0", "-1", "nan", "inf", "1e400", "", "many", "1,000")
+        ),
+        *(({tag: "0.5"}, f"<{tag}>") for tag in ("comrdtrate", "comrdtbsiz")),
+        ({"cfgcpf": "5e-324", "scfgfu": "lbf"}, "<cfgcpf>"),  # as no load cell has, in any unit
+        ({"cfgcpf": "1e308", "scfgfu": "klbf"}, "<cfgcpf>"),
+        ({"cfgcpt": "1e308", "scfgtu": "Nmm"}, "<cfgcpt>"),
+        ({"scfgfu": "furlong"}, "'furlong'"),
+        ({"scfgtu": "N"}, "'N'"),
+        ({"scfgfu": ""}, "''"),
     ],
 )
-def test_counts_per_newton_that_no_load_cell_has_are_refused_in_every_unit(tag: str, text: str, unit: str) -> None:
-    unit_tag = "scfgfu" if tag == "cfgcpf" else "scfgtu"
-    with pytest.raises(ValueError, match=f"<{tag}>"):
-        read_settings(page_with(**{tag: text, unit_tag: unit}))
-
-
-@pytest.mark.parametrize(("tag", "text"), [("scfgfu", "furlong"), ("scfgtu", "N"), ("scfgfu", "")])
-def test_an_unknown_unit_is_refused_by_its_name(tag: str, text: str) -> None:
-    with pytest.raises(ValueError, match=f"'{text}'"):
-        read_settings(page_with(**{tag: text}))
+def test_what_cannot_be_meant_is_refused_by_its_tag_or_unit(texts: dict[str, str], named: str) -> None:
+    with pytest.raises(ValueError, match=named):
+        read_settings(page_with(**texts))
 
 
 @pytest.mark.parametrize(

@@ -133,7 +133,9 @@ starts = st.integers(0, WRAP - 1) | st.integers(WRAP - 200, WRAP - 1)
 requests = st.tuples(steps, starts, steps, st.integers(1, 5000))
 
 
-def check_a_request(
+@FEW
+@given(plan=plans, flips=flips_of, sizes=block_sizes, request=requests)
+def test_each_record_of_a_request_is_taken_once_in_order_or_counted(
     plan: bytes, flips: list[tuple[int, int]], sizes: list[int], request: tuple[int, int, int, int]
 ) -> None:
     """Check a request that follows another one, whose records are left over wherever the plan has them."""
@@ -149,21 +151,9 @@ def check_a_request(
     assert order.step == step
 
 
-@FEW
-@given(plan=plans, flips=flips_of, sizes=block_sizes, request=requests)
-def test_each_record_of_a_request_is_taken_once_in_order_or_counted(
-    plan: bytes, flips: list[tuple[int, int]], sizes: list[int], request: tuple[int, int, int, int]
-) -> None:
-    check_a_request(plan, flips, sizes, request)
-
-
 @pytest.mark.slow
-@MANY
-@given(plan=plans, flips=flips_of, sizes=block_sizes, request=requests)
-def test_each_record_of_very_many_requests_is_taken_once_in_order_or_counted(
-    plan: bytes, flips: list[tuple[int, int]], sizes: list[int], request: tuple[int, int, int, int]
-) -> None:
-    check_a_request(plan, flips, sizes, request)
+def test_each_record_of_very_many_requests_is_taken_once_in_order_or_counted() -> None:
+    MANY(test_each_record_of_a_request_is_taken_once_in_order_or_counted)()
 
 
 @FEW
@@ -216,6 +206,7 @@ BEGINNINGS: dict[str, tuple[list[Sent], list[Sent], Arrivals]] = {  # the reques
         [*(record._replace(place=0) for record in stream(61, 80)), *stream(1, 60, start=5000)],
         Arrivals(rejected=20),
     ),
+    "a first one twice": ([], [*stream(1, 1), Sent(1, 1007), *stream(2, 60)], Arrivals(duplicates=1)),
     "a repeated request": ([], stream(1, 30) + stream(1, 60, start=5000), Arrivals()),
     "a stream since days": (
         [],
@@ -239,12 +230,6 @@ def test_a_stream_is_found_wherever_it_begins(
     order.begin()  # the request was repeated before any answer
     assert took(order, came, block=block) == [place for place in places(came) if place]
     assert order.arrivals == arrivals
-
-
-def test_a_first_datagram_that_comes_twice_is_counted_as_duplicates() -> None:
-    order = RecordOrder()
-    assert took(order, stream(1, 1) * 2 + stream(2, 60), block=1) == places(stream(1, 60))
-    assert order.arrivals == Arrivals(duplicates=1)
 
 
 def test_records_held_back_are_rejected_until_they_are_taken() -> None:

@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from cfid.wire.rdt import (
     RECORD,
@@ -15,8 +13,6 @@ from cfid.wire.rdt import (
     encode_request,
     is_block,
 )
-
-FEW = settings(max_examples=200, deadline=None, derandomize=True)
 
 REQUESTS = [
     (Request(Command.STOP), "1234 0000 00000000"),
@@ -61,12 +57,6 @@ def test_what_is_no_request_is_told(data: str) -> None:
 def test_a_block_is_its_records_field_by_field(data: str, records: list[tuple[int, int, int, tuple[int, ...]]]) -> None:
     np.testing.assert_array_equal(decode_records(bytes.fromhex(data)), np.array(records, RECORD), strict=True)
     assert encode_records(np.array(records, RECORD)) == bytes.fromhex(data)
-
-
-@FEW
-@given(data=st.integers(0, 4).flatmap(lambda count: st.binary(min_size=36 * count, max_size=36 * count)))
-def test_records_are_written_as_they_were_read(data: bytes) -> None:
-    assert encode_records(decode_records(memoryview(bytearray(data)))) == data
 
 
 def test_what_was_decoded_does_not_change_with_the_buffer_it_came_from() -> None:
