@@ -12,10 +12,9 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 from twisted.internet.posixbase import PosixReactorBase
 from twisted.internet.threads import blockingCallFromThread
 
@@ -24,83 +23,22 @@ from cfid.records.rig_file import new_rig_text
 from cfid.records.run import Run, read_run
 from cfid.rig.loop import Loop
 from cfid.rig.sim_file import SIM_FILE
-from cfid.sim.e201 import E201Device, Reply
+from cfid.sim.e201 import E201Device
 from cfid.sim.faults import (
     SOUND_ENCODER,
     SOUND_LOADCELL,
-    EncoderFaults,
-    FaultyE201,
-    FaultyNetFT,
-    LoadCellFaults,
 )
 from cfid.sim.loadcell import LoadCellTruth, SimulatedLoadCell
-from cfid.sim.netft import Address, Datagram, NetFTBox
+from cfid.sim.netft import NetFTBox
 from cfid.sim.pty import PtyPort
-from cfid.sim.service import LOOPBACK, BoxPorts, NetFTServer
-from cfid.wire.e201 import STOP_CONTINUOUS, VERSION
-from cfid.wire.rdt import Command as RdtCommand
-from cfid.wire.rdt import Request, encode_request
+from cfid.sim.service import LOOPBACK, NetFTServer
 from tests.priority import run_devices
 from tests.processes import started
+from tests.virtual_lab import ENCODER_HZ, LOADCELL_HZ, SENTENCE, Box, Interface, Said, load
 
-LOADCELL_HZ = 700  # instead of 7000: a tenth of the work with the same code
-ENCODER_HZ = 100
 LONGEST_S = 120.0  # any step may take this long on a busy computer
 
-# The path of a port starts a separate line if a second fault follows the first.
-_SENTENCE = re.compile(r"(note: |cfid: |recording into |figure: |\S*rig.sim.toml: |\S+/port: )")
-
 Act = TypeVar("Act")
-Array = npt.NDArray[np.float64]
-
-
-class Box(FaultyNetFT):
-    """A box that remembers its last client, and counts all contacts.
-
-    A `thief` takes the stream from its present client once the stream has started.
-    """
-
-    client: Address = ("", 0)
-    contacts = 0
-    thief: Address | None = None
-
-    def due(self, now_s: float) -> list[Datagram]:
-        """Return the datagrams that leave for the client now."""
-        datagrams = super().due(now_s)
-        if datagrams and self.thief is not None:
-            self.box.request(encode_request(Request(RdtCommand.REAL_TIME, 1)), self.thief, now_s)
-        return [datagram for datagram in datagrams if datagram[1] != self.thief]
-
-    def alive(self, now_s: float) -> bool:
-        """Return whether the box answers."""
-        self.contacts += 1
-        return super().alive(now_s)
-
-    def request(self, datagram: bytes, client: Address, now_s: float) -> None:
-        """Handle an RDT request."""
-        self.client = client
-        super().request(datagram, client, now_s)
-
-
-class Interface(FaultyE201):
-    """An encoder's interface that counts requests, and requests for its version; if `unstoppable`, it ignores stops."""
-
-    contacts = introductions = 0
-    unstoppable = False
-
-    def received(self, data: bytes, now_s: float) -> list[Reply]:
-        """Return the replies to `data`, each with its delay."""
-        self.contacts += 1
-        self.introductions += data.count(VERSION)
-        return super().received(data.replace(STOP_CONTINUOUS, b"") if self.unstoppable else data, now_s)
-
-
-class Said(NamedTuple):
-    """The exit code and the output of a command that has ended."""
-
-    code: int
-    out: str
-    err: str
 
 
 class Command:
@@ -153,7 +91,7 @@ class Command:
         assert "Traceback" not in err
         assert "Unhandled" not in err
         if code != 2:  # the usage of a command is printed in a frame
-            assert all(_SENTENCE.match(line) for line in err.splitlines()), err
+            assert all(SENTENCE.match(line) for line in err.splitlines()), err
         wait_until(lambda: self._lab.box.streaming == streaming, f"streaming: {streaming}\n{err}")
         return Said(code, out, err)
 
@@ -172,7 +110,7 @@ class Lab:
         now_s = reactor.seconds()
         cell = SimulatedLoadCell(LoadCellTruth(), np.random.default_rng(4))
         netft = NetFTBox(
-            load_cell=cell, plant=_load, rate_hz=LOADCELL_HZ, buffer_size=14, first_ft_sequence=500_000, powered_s=now_s
+            load_cell=cell, plant=load, rate_hz=LOADCELL_HZ, buffer_size=14, first_ft_sequence=500_000, powered_s=now_s
         )
         self.box = Box(netft, SOUND_LOADCELL, opened_s=now_s, rng=np.random.default_rng(5))
         self._server = NetFTServer(self.box, reactor=reactor)
@@ -181,15 +119,11 @@ class Lab:
         self.plug = PtyPort(self.encoder, reactor=reactor, folder=folder, name="port")
         self.ports = self.in_reactor(self._server.open)
         self.port = self.in_reactor(self.plug.open)
-        self.point_at(self.ports)
-
-    def point_at(self, ports: BoxPorts, *, port: object = None, address: str = LOOPBACK) -> None:
-        """Write a rig.toml with the devices at these addresses and ports."""
         content = re.sub(r"(?ms)^\[devices\.\w+\].*?(?=^\[)", "", new_rig_text())
-        (self.folder / RIG_FILE).write_text(
-            f"{content}\n[devices.encoder]\nport = '{self.port if port is None else port}'\nrate_hz = {ENCODER_HZ}.0\n"
-            f"[devices.loadcell]\naddress = '{address}'\nrate_hz = {LOADCELL_HZ}\n"
-            f"rdt_port = {ports.rdt}\nhttp_port = {ports.http}\ntcp_port = {ports.tcp}\n"
+        (folder / RIG_FILE).write_text(
+            f"{content}\n[devices.encoder]\nport = '{self.port}'\nrate_hz = {ENCODER_HZ}.0\n"
+            f"[devices.loadcell]\naddress = '{LOOPBACK}'\nrate_hz = {LOADCELL_HZ}\n"
+            f"rdt_port = {self.ports.rdt}\nhttp_port = {self.ports.http}\ntcp_port = {self.ports.tcp}\n"
         )
 
     def in_reactor(self, act: Callable[[], Act]) -> Any:
@@ -204,18 +138,8 @@ class Lab:
         """Run a command to its end."""
         return self.start(*words).end(streaming=streaming)
 
-    def loadcell_suffers(self, **faults: Any) -> None:
-        """Set faults of the load cell from now on; timed faults start at once and last until others are set."""
-        self.box.faults = LoadCellFaults(**faults)
-
-    def encoder_suffers(self, **faults: Any) -> None:
-        self.encoder.faults = EncoderFaults(**faults)
-
     def pull_plug(self) -> None:
         self.in_reactor(self.plug.close)
-
-    def put_plug_back(self) -> None:
-        self.in_reactor(self.plug.open)
 
     def close(self) -> None:
         for command in self.commands:
@@ -239,13 +163,6 @@ class Lab:
         folder = self.run_folder()
         files = [] if folder is None else list(folder.glob("*.csv"))
         return max(files[0].read_bytes().count(b"\n") - 1, 0) if files else None
-
-    def facts(self, device: str) -> dict[str, Any]:
-        return dict(self.run().header.devices[device].model_extra or {})
-
-
-def _load(time_s: Array) -> Array:
-    return np.outer(np.sin(time_s), (0.0, 0.0, 1.0, 0.0, 0.0, 0.0)).astype(np.float64)
 
 
 @contextmanager

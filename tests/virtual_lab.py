@@ -24,7 +24,7 @@ from cfid.sim.faults import SOUND_ENCODER, SOUND_LOADCELL, EncoderFaults, Faulty
 from cfid.sim.loadcell import LoadCellTruth, SimulatedLoadCell
 from cfid.sim.netft import Address, Datagram, NetFTBox
 from cfid.sim.virtual import Virtual
-from cfid.wire.e201 import STOP_CONTINUOUS, VERSION
+from cfid.wire.e201 import STOP_CONTINUOUS
 from cfid.wire.rdt import Command as RdtCommand
 from cfid.wire.rdt import Request, encode_request
 from tests.places import ROOT
@@ -35,18 +35,17 @@ ENCODER_HZ = 100
 USUAL_DEVICES = f"[devices.encoder]\nrate_hz = {ENCODER_HZ}\n[devices.loadcell]\nrate_hz = {LOADCELL_HZ}\n"
 UNIX_S, STARTED_S = 1_763_712_345.0, 1.0  # when a lab is opened, also on the clock of its hardware
 
-_SENTENCE = re.compile(r"(note: |cfid: |recording into |figure: |\S*rig.sim.toml: |\S+/port: )")
+SENTENCE = re.compile(r"(note: |cfid: |recording into |figure: |\S*rig.sim.toml: |\S+/port: )")
 Array = npt.NDArray[np.float64]
 
 
 class Box(FaultyNetFT):
-    """A box that remembers its last client, and counts all contacts.
+    """A box that remembers its last client.
 
     A `thief` takes the stream from its present client once the stream has started.
     """
 
     client: Address = ("", 0)
-    contacts = 0
     thief: Address | None = None
 
     def due(self, now_s: float) -> list[Datagram]:
@@ -56,11 +55,6 @@ class Box(FaultyNetFT):
             self.box.request(encode_request(Request(RdtCommand.REAL_TIME, 1)), self.thief, now_s)
         return [datagram for datagram in datagrams if datagram[1] != self.thief]
 
-    def alive(self, now_s: float) -> bool:
-        """Return whether the box answers."""
-        self.contacts += 1
-        return super().alive(now_s)
-
     def request(self, datagram: bytes, client: Address, now_s: float) -> None:
         """Handle an RDT request."""
         self.client = client
@@ -68,15 +62,14 @@ class Box(FaultyNetFT):
 
 
 class Interface(FaultyE201):
-    """An encoder's interface that counts requests, and requests for its version; if `unstoppable`, it ignores stops."""
+    """An encoder's interface that counts requests; if `unstoppable`, it ignores stops."""
 
-    contacts = introductions = 0
+    contacts = 0
     unstoppable = False
 
     def received(self, data: bytes, now_s: float) -> list[Reply]:
         """Return the replies to `data`, each with its delay."""
         self.contacts += 1
-        self.introductions += data.count(VERSION)
         return super().received(data.replace(STOP_CONTINUOUS, b"") if self.unstoppable else data, now_s)
 
 
@@ -109,7 +102,7 @@ class LabCommand(Command):
         """Wait for the end; check that each line is a sentence, and that the box no longer streams."""
         code = self.run_to_end()
         if code != 2:  # the usage of a command is printed in a frame
-            assert all(_SENTENCE.match(line) for line in self.err.splitlines()), self.err
+            assert all(SENTENCE.match(line) for line in self.err.splitlines()), self.err
         assert self._lab.box.streaming == streaming
         return Said(code, self.out, self.err)
 
@@ -158,7 +151,7 @@ class Lab:
         simulated = SimulatedRig(rig, seconds=seconds, seed=1)
         netft = NetFTBox(
             load_cell=SimulatedLoadCell(LoadCellTruth(), np.random.default_rng(4)),
-            plant=_load,
+            plant=load,
             rate_hz=LOADCELL_HZ,
             buffer_size=14,
             first_ft_sequence=500_000,
@@ -291,7 +284,7 @@ def held_elsewhere(device: str) -> Iterator[int]:
         process.stdin.write(b"\n")
 
 
-def _load(time_s: Array) -> Array:
+def load(time_s: Array) -> Array:
     return np.outer(np.sin(time_s), (0.0, 0.0, 1.0, 0.0, 0.0, 0.0)).astype(np.float64)
 
 

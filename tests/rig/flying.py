@@ -7,12 +7,16 @@ from typing import Any
 
 import pandas as pd
 
+from cfid.motors.plan import StaircasePlan
+from cfid.motors.staircase.record import run_staircase
 from cfid.records.rig_file import load_rig
 from cfid.records.run import Label, Run, read_run
 from cfid.rig.instrument import Instrument
 from cfid.rig.motor_commands import hold
 from cfid.rig.ready_vehicle import connect_vehicle
 from cfid.rig.run import Plan, record_run
+from cfid.transfer.sines.record import play_sine
+from cfid.wire.app import SineRequest
 from cfid.wire.supervisor import VehicleState
 from tests.virtual_bench import Bench
 
@@ -56,6 +60,14 @@ class Flight(Bench):
 
     def holding(self, command: int, motors: tuple[int, ...] = ALL, *, for_s: float) -> Procedure:
         return lambda there: hold(there["commands"], command, motors, for_s=for_s, hardware=self.hardware)
+
+    def climbing(self, stairs: StaircasePlan) -> Procedure:
+        return lambda there: run_staircase(stairs, there["commands"], hardware=self.hardware, tell=lambda _: None)
+
+    def playing(self, request: SineRequest) -> Procedure:
+        return lambda there: play_sine(
+            request, there["crossings"], before_s=0.1, hardware=self.hardware, tell=lambda _: None
+        )
 
     def go_on(self, for_s: float) -> None:
         """Let time pass after a recording."""

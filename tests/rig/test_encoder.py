@@ -17,11 +17,11 @@ from cfid.records.rig_file import EncoderPort
 from cfid.records.run import losses
 from cfid.rig.check import check_encoder
 from cfid.rig.encoder import find_encoder, ports_to_ask, ready_encoder, word_bits
-from cfid.rig.hardware import Hardware, Real
+from cfid.rig.hardware import Real
 from cfid.rig.lock import DeviceLock
 from cfid.sim.e201 import E201Device, Reply
 from cfid.sim.faults import EncoderFaults, FaultyE201
-from cfid.wire.e201 import CONTINUOUS, POWER_OFF, PRODUCT, VERSION, set_word_width
+from cfid.wire.e201 import CONTINUOUS, POWER_OFF, PRODUCT, VERSION
 from cfid.wire.rls import RLS_13BIT_IN_22, STEPS_PER_TURN, decode_words
 from tests.virtual_lab import UNIX_S, Lab, Logged, held_elsewhere, lab_in, recorded
 
@@ -373,34 +373,12 @@ def test_an_encoder_that_is_held_is_told_with_who_holds_it_and_left_alone(lab: L
     assert lab.encoder.contacts == 0
 
 
-def test_ctrl_c_ends_a_run_that_is_complete(lab: Lab) -> None:
-    log = lab.start(*LOG, "--for", 60)
-    log.wait_for_rows(30)
-
-    assert log.ask_to_end().code == 0
-    assert lab.run().header.state == "complete"
-    assert lab.run().header.reason.startswith("ended by SIGINT after")
-
-
 # Ports
 
 
-@pytest.mark.parametrize(
-    ("counts", "bits"),
-    [
-        ("rls-13bit-in-22", 22),
-        *((8192.0, 13), (2, 1), (2.0**32, 32)),
-        *((counts, None) for counts in (4194047, 8192.5, 1.0, 2.0**33, 2.0**80, 0.5)),
-    ],
-)
-def test_counts_that_are_a_power_of_two_ask_for_a_width_that_a_word_has(counts: float | str, bits: int | None) -> None:
-    assert word_bits(counts) == bits
-
-
-@pytest.mark.parametrize("bits", [0, 33])
-def test_no_such_width_can_be_set(bits: int) -> None:
-    with pytest.raises(ValueError, match="1 to 32 bits"):
-        set_word_width(bits)
+def test_counts_that_are_a_power_of_two_ask_for_a_width_that_a_word_has() -> None:
+    assert [word_bits(counts) for counts in ("rls-13bit-in-22", 8192.0, 2, 2.0**32)] == [22, 13, 1, 32]
+    assert {word_bits(counts) for counts in (4194047, 8192.5, 1.0, 2.0**33, 2.0**80, 0.5)} == {None}
 
 
 def find(lab: Lab, port: str = "", **options: Any) -> Any:
@@ -415,14 +393,10 @@ def plug_in(lab: Lab, paths: list[str], faults: EncoderFaults, product: str = PR
     return devices
 
 
-def test_only_ports_whose_device_names_itself_an_e201_are_asked(lab: Lab) -> None:
+def test_an_encoder_is_told_from_others_by_its_name_and_its_serial_number(lab: Lab) -> None:
     plug_in(lab, ["/virtual/board"], SILENT, "STM32")
-
     assert ports_to_ask(lab.hardware, "") == [lab.port]
     assert ports_to_ask(lab.hardware, "/dev/mine") == ["/dev/mine"]
-
-
-def test_an_encoder_is_told_from_another_by_its_serial_number(lab: Lab) -> None:
     plug_in(lab, ["/virtual/other"], EncoderFaults())
 
     assert find(lab).port == lab.port
@@ -444,33 +418,17 @@ def test_many_ports_that_say_nothing_are_not_all_waited_for(lab: Lab) -> None:
     assert lab.hardware.seconds() - begun_s < 5
 
 
-def checked(port: str, hardware: Hardware) -> str:
-    """Return the fault that a check of a port finds."""
-    (answer,) = check_encoder(EncoderPort(port=port), hardware, counts_per_turn=8192.0)
-    assert answer.state == "fault"
-    return answer.answer.removeprefix(f"{port}: ")
-
-
-def test_no_encoder_plugged_in_is_told(lab: Lab) -> None:
-    plug_in(lab, ["/virtual/board"], SILENT, "STM32")
-    lab.pull_plug()
-
-    assert "no serial port has the name E201" in checked("", lab.hardware)
-
-
-@pytest.mark.parametrize("name", ["rig.toml", ".", os.devnull])
-def test_a_port_that_is_no_terminal_is_told(tmp_path: Path, name: str) -> None:
-    (tmp_path / "rig.toml").touch()
-    assert checked(str(tmp_path / name), Real()) == "this is not a serial port."
-
-
-def test_a_port_that_is_not_there_is_told(tmp_path: Path) -> None:
-    assert checked(str(tmp_path / "none"), Real()).startswith("no such port. Available: ")
-
-
-def test_a_port_that_another_program_has_open_is_told() -> None:
+def test_ports_that_are_no_encoders_are_told(lab: Lab, tmp_path: Path) -> None:
+    """A folder, a file, a terminal that is not there, and one that another program has open."""
     device, host = pty.openpty()
     with serial.Serial(os.ttyname(host), exclusive=True):
-        assert checked(os.ttyname(host), Real()) == "another program has it open: close that first."
+        for port in (str(tmp_path), os.devnull, str(tmp_path / "none"), os.ttyname(host)):
+            (answer,) = check_encoder(EncoderPort(port=port), Real(), counts_per_turn=8192.0)
+            assert answer.state == "fault"
+            assert answer.answer.startswith(port)
     os.close(device)
     os.close(host)
+    plug_in(lab, ["/virtual/board"], SILENT, "STM32")
+    lab.pull_plug()
+    (answer,) = check_encoder(EncoderPort(), lab.hardware, counts_per_turn=8192.0)
+    assert answer.state == "fault"

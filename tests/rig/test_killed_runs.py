@@ -1,74 +1,64 @@
-"""Runs of both devices that are killed or asked to end: what remains on the disk, and what the devices do."""
+"""Runs that are killed: what is on the disk at any moment opens as a run that was cut, with right rows alone."""
 
+import shutil
 import signal
 import sys
-import time
 from pathlib import Path
 
-import numpy as np
+import pandas as pd
 import pytest
 
+from cfid.recordings.angle import angle_record
+from cfid.recordings.read import read_recording
+from cfid.recordings.wrench import wrench_of
 from cfid.records.run import read_run
-from tests.rig.streaming_rig import CampaignRig, check_complete_run, check_cut_run, logger, served_rig
+from tests.rig_in_a_folder import lab_in as served_lab_in
 from tests.virtual_lab import lab_in
-
-pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals and pseudo terminals of Unix")
 
 MOST_MISSING_S = 0.1
 
 
-def check_quiet(rig: CampaignRig) -> None:
-    """Check that nothing is sent any more, and that the devices are free."""
-    assert not rig.streaming
-    assert rig.holders() == []
-
-
 @pytest.mark.parametrize("device", ["encoder", "loadcell"])
-def test_no_row_is_further_than_100_ms_from_the_disk_at_any_moment(tmp_path: Path, device: str) -> None:
+def test_whenever_a_run_is_killed_it_opens_with_all_rows_but_those_of_the_last_100_ms(
+    tmp_path: Path, device: str
+) -> None:
+    """What a killed program has written is on the disk, so that a copy of the run is what a kill leaves."""
     with lab_in(tmp_path) as lab:
         log = lab.start("log", device)
-        log.wait_for_rows(1)
-        for _ in range(50):
+        log.wait_for_rows(20)
+        for number in range(30):
             log.go_on_for(0.0137)
-            text = (lab.run().device_file(device)).read_text()
+            folder = shutil.copytree(lab.run().folder, tmp_path / "killed" / f"{lab.run().folder.name}{number}")
+            run = read_run(folder)
+            text = run.device_file(device).read_text()
+            assert run.cut
             assert text.endswith("\n")
             assert lab.hardware.unix_s() - float(text.splitlines()[-1].partition(",")[0]) < MOST_MISSING_S
+            rows = pd.read_csv(run.device_file(device), dtype=float)
+            record = angle_record(folder) if device == "encoder" else wrench_of(read_recording(folder))
+            assert not rows.isna().any(axis=None)
+            assert len(record.time_s) == len(rows)
+            assert any("the run was cut" in note for note in record.notes)
+            if device == "loadcell":
+                assert set(rows["rdt_sequence"].diff()[1:]) == {1}
         log.ask_to_end()
 
 
-def check_killed_runs(folder: Path, count: int) -> None:
-    """Kill runs at random times, also while they close, and check that each opens with right rows alone."""
-    rng = np.random.default_rng(1)
-    with served_rig(folder) as rig:
-        for number in range(count):
-            with logger(rig) as log:
-                log.wait_for_rows()
-                time.sleep(rng.uniform(0, 0.3))
-                if number % 3 == 2:
-                    log.process.send_signal(signal.SIGTERM)
-                    time.sleep(0.02)  # the stream takes 60 ms to stop
-                log.kill()
-            check = check_cut_run if read_run(log.folder).cut else check_complete_run
-            check(log.folder)
-
-
-def test_killed_runs_open_and_have_no_wrong_row(tmp_path: Path) -> None:
-    check_killed_runs(tmp_path, 3)
-
-
-@pytest.mark.slow
-def test_a_hundred_killed_runs_open_and_have_no_wrong_row(tmp_path: Path) -> None:
-    check_killed_runs(tmp_path, 100)
-
-
-def test_runs_that_are_told_to_end_are_complete_and_leave_the_devices_quiet(tmp_path: Path) -> None:
-    with served_rig(tmp_path) as rig:
-        with logger(rig) as log:  # whose box streams to nobody afterwards
-            log.wait_for_rows()
-            log.kill()
-        for signals in ((signal.SIGINT, signal.SIGINT), (signal.SIGTERM,), (signal.SIGHUP,)):
-            with logger(rig) as log:
-                log.wait_for_rows()
-                assert log.end(*signals) == ""
-            check_complete_run(log.folder)
-            check_quiet(rig)
+@pytest.mark.skipif(sys.platform == "win32", reason="signals and pseudo terminals of Unix")
+@pytest.mark.usefixtures("in_time")
+def test_after_a_log_that_was_killed_the_next_one_is_complete_and_leaves_the_devices_quiet(tmp_path: Path) -> None:
+    with served_lab_in(tmp_path) as lab:
+        killed = lab.start("log", "loadcell")
+        killed.wait_for_rows(100)
+        killed.process.kill()
+        killed.process.wait()
+        cut = lab.run()
+        for number in (signal.SIGTERM, signal.SIGHUP):
+            log = lab.start("log", "loadcell")
+            log.wait_until(lambda: lab.run_folder() != cut.folder, "a run")
+            log.wait_for_rows(100)
+            assert log.ask_to_end(number).code == 0  # after a check that the box does not stream any more
+            folder = lab.run_folder()
+            assert folder is not None
+            assert read_run(folder).header.state == "complete"
+    assert read_run(cut.folder).cut

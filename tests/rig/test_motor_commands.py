@@ -18,11 +18,9 @@ import pytest
 from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import load_rig
 from cfid.records.run import Run, list_runs
-from cfid.rig.recorder import Memory, Recorder
 from cfid.rig.stop import MAY_BE_RUNNING
 from cfid.sim.propulsion import Four
 from cfid.sim.supervisor import SupervisorState
-from tests.campaigns import Cfid
 from tests.flying_in_a_folder import bench_in as served_in
 from tests.virtual_bench import Bench, Pilot, bench_in
 
@@ -147,15 +145,14 @@ def fill_disk(bench: Bench, pilot: Pilot) -> None:
     resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, resource.getrlimit(resource.RLIMIT_FSIZE)[1]))
 
 
-def break_recorder(bench: Bench, pilot: Pilot) -> None:
-    def broken(*_: Any) -> None:
+def break_program(bench: Bench, pilot: Pilot) -> None:
+    """Raise an error once, where the program asks its hardware how long it was suspended."""
+
+    def broken() -> float:
+        del bench.hardware.suspended_s
         raise RuntimeError("a bug")
 
-    for kind, method in ((Recorder, "_write"), (Memory, "append")):
-        BROKEN.setattr(kind, method, broken)
-
-
-BROKEN = pytest.MonkeyPatch()
+    bench.hardware.suspended_s = broken  # type: ignore[method-assign]
 
 
 def typing(text: str) -> Act:
@@ -175,7 +172,7 @@ class Way(NamedTuple):
     code: int
     told: str = ""
     keyboard: Mapping[str, Any] = {}
-    vehicles: tuple[str, ...] = BARE
+    vehicles: tuple[str, ...] = ("app", "stock, Brushless")
     own_delay_s: float = 0.0  # until the fault counts as one
 
 
@@ -183,10 +180,10 @@ SCRIPT, TERMINAL = {"script": True}, {"terminal": True}
 WITH_APP = ("app", "app, Brushless")
 LATE = 0.5
 WAYS: dict[str, Way] = {
-    "time over": Way((*HOLD, "--for", 0.5), wait, 0),
-    "a bug": Way(HOLD, break_recorder, 1),
-    "a bug in preflight": Way(PREFLIGHT, break_recorder, 1),
-    "Ctrl-C": Way(HOLD, request("SIGINT"), 0),
+    "time over": Way((*HOLD, "--for", 0.5), wait, 0, vehicles=BARE),
+    "a bug": Way(HOLD, break_program, 1),
+    "a bug in preflight": Way(PREFLIGHT, break_program, 1),
+    "Ctrl-C": Way(HOLD, request("SIGINT"), 0, vehicles=BARE),
     "Ctrl-C twice": Way(HOLD, request("SIGINT", "SIGINT"), 0),
     "SIGHUP in a staircase": Way(STAIRS, request("SIGHUP"), 0),
     "SIGTERM in a sine": Way(SINES, request("SIGTERM"), 0, vehicles=WITH_APP),
@@ -201,12 +198,12 @@ WAYS: dict[str, Way] = {
     "link silent in a sine": Way(SINES, vehicle(silent_after_s=0), 3, vehicles=WITH_APP),
     "link silent in preflight": Way(PREFLIGHT, vehicle(silent_after_s=0), 3, vehicles=WITH_APP),
     "link closed in preflight": Way(PREFLIGHT, vehicle(closed_after_s=0), 3, vehicles=WITH_APP),
-    "battery low": Way(HOLD, vehicle(low_battery_after_s=0), 3, "battery", own_delay_s=LATE),
+    "battery low": Way(HOLD, vehicle(low_battery_after_s=0), 3, "battery", vehicles=BARE, own_delay_s=LATE),
     "battery low in a sine": Way(
         SINES, vehicle(low_battery_after_s=0), 3, "battery", vehicles=WITH_APP, own_delay_s=LATE
     ),
     "battery low in preflight": Way(PREFLIGHT, vehicle(low_battery_after_s=0), 3, "not ready", own_delay_s=LATE),
-    "load cell lost": Way(STAIRS, loadcell(silent_after_s=0), 3, own_delay_s=LATE),
+    "load cell lost": Way(STAIRS, loadcell(silent_after_s=0), 3, vehicles=BARE, own_delay_s=LATE),
     "load cell lost in a sine": Way(SINES, loadcell(silent_after_s=0), 3, vehicles=WITH_APP, own_delay_s=LATE),
     "load cell lost in preflight": Way(PREFLIGHT, loadcell(silent_after_s=0), 3, "not ready", own_delay_s=LATE),
     "overload": Way(STAIRS, overload, 3, "saturation"),
@@ -225,12 +222,9 @@ GONE_WRONG = {SupervisorState.LEVEL_OUT, SupervisorState.FREE_FALL, SupervisorSt
 def test_the_motors_stop_whatever_ends_the_command(tmp_path: Path, name: str, kind: str) -> None:
     way = WAYS[name]
     limit = resource.getrlimit(resource.RLIMIT_FSIZE)
-    with (
-        bench_in(tmp_path, crazyflie=VEHICLES[kind], battery={"kind": "lipo"}) as bench,
-        contextlib.ExitStack() as undone,
-    ):
+    with contextlib.ExitStack() as undone:
+        bench = undone.enter_context(bench_in(tmp_path, crazyflie=VEHICLES[kind], battery={"kind": "lipo"}))
         undone.callback(resource.setrlimit, resource.RLIMIT_FSIZE, limit)
-        undone.callback(BROKEN.undo)
         pilot = bench.start(*way.words, **way.keyboard)
         if way.keyboard:
             type_at_console(pilot, ORDER)
@@ -240,7 +234,7 @@ def test_the_motors_stop_whatever_ends_the_command(tmp_path: Path, name: str, ki
         way.act(bench, pilot)
         if way.act is wait:
             began_s = bench.hardware.seconds()
-        if way.act is break_recorder:
+        if way.act is break_program:
             with pytest.raises(RuntimeError, match="a bug"):
                 pilot.end()
         else:
@@ -346,36 +340,24 @@ def test_rig_tomls_limit_is_told_before_anything_is_asked(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "expected"),
+    "words",
     [
-        ("log sine --l 1,x", "--periods 1,x"),
-        ("log sine --l 2001", "0 to N/2 = 2000"),
-        ("log sine --n 2000 --l 2,1001", "0 to N/2 = 1000"),
-        ("log sine --l 4,4", "twice"),
-        ("log sine --l 4 --amplitude 30001", "--force allows it"),
-        ("log thrust some-run", "--resume some-run"),
-        ("log sine --l 4 --n 0", "'--samples'"),
-        ("log sine --motor 1,5", "0 to 4"),
-        ("log sine --l 4 --plan thesis-first", "give one of them"),
-        ("log thrust --from 3000 --to 2000", "no command between"),
-        ("log thrust --hold 0", "--hold 0"),
-        ("log thrust --hold 1e99", "3600 at most"),
-        ("log thrust --step 100000", "command 0 alone"),
-        ("log sine --before 1e99", "600 at most"),
-        ("log sine --amplitude 0", "greater than or equal to 1"),
-        ("log thrust --to 70000", "'--to'"),
-        ("log speed --port /dev/x", "--port is the UT372's"),
-        ("log speed --yes --tachometer ut372 --wait 5", "--wait"),
-        ("log speed --yes --wait 3600", "--wait"),
-        ("motors set 70000", "Invalid value for"),
-        ("motors set 1000 --motor 5", "1 to 4"),
-        ("log ping --interval 0", "--interval 0"),
+        *("log sine --l 1,x", "log sine --l 2001", "log sine --n 2000 --l 2,1001", "log sine --l 4,4"),
+        *("log sine --l 4 --amplitude 30001", "log sine --l 4 --n 0", "log sine --motor 1,5", "log sine --amplitude 0"),
+        *("log sine --l 4 --plan thesis-first", "log sine --before 1e99", "log thrust some-run"),
+        *("log thrust --from 3000 --to 2000", "log thrust --hold 0", "log thrust --hold 1e99"),
+        *(
+            "log thrust --step 100000",
+            "log thrust --to 70000",
+            "log speed --port /dev/x",
+            "log speed --yes --wait 3600",
+        ),
+        *("log speed --yes --tachometer ut372 --wait 5", "log ping --interval 0"),
+        *("motors set 70000", "motors set 1000 --motor 5"),
     ],
 )
-def test_what_cannot_be_meant_so_is_told_first(bench: Bench, words: str, expected: str) -> None:
-    pilot = bench.start(*words.split())
-    assert pilot.end() == 2
-    assert expected in " ".join(pilot.err.split())
+def test_what_cannot_be_meant_so_is_told_first(bench: Bench, words: str) -> None:
+    assert bench.start(*words.split()).end() == 2
     assert len(bench.history) == 1
 
 
@@ -401,26 +383,17 @@ def checked(bench: Bench) -> dict[str, dict[str, str]]:
     return {answer["asked"]: answer for answer in json.loads(pilot.out)["devices"]["crazyflie"]}
 
 
-@pytest.mark.parametrize(("faults", "told"), [({"protocol": 9}, "2025.12"), ({"app_protocol": 3}, "version 3")])
-def test_rig_check_calls_no_vehicle_ok_that_motors_set_refuses(bench: Bench, faults: dict[str, int], told: str) -> None:
+@pytest.mark.parametrize("faults", [{"protocol": 9}, {"app_protocol": 3}])
+def test_rig_check_calls_no_vehicle_ok_that_motors_set_refuses(bench: Bench, faults: dict[str, int]) -> None:
     bench.vehicle_suffers(**faults)
-    refused = bench.start(*HOLD)
-    assert refused.end() == 3
-    assert told in refused.err
+    assert bench.start(*HOLD).end() == 3
     answers = checked(bench)
     assert (answers["link"]["state"], answers["motors"]["state"]) == ("ok", "fault")
-    assert told in answers["motors"]["answer"]
 
 
 @pytest.mark.parametrize(
     ("vehicle", "platform", "state"),
-    [
-        ("cf21bl", "cf2", "warning"),
-        ("cf21bl", "cf21bl", "ok"),
-        ("cf21bl", "crazyflie", "ok"),
-        ("cf2", "cf21bl", "warning"),
-        ("cf2", "cf2", "ok"),
-    ],
+    [("cf21bl", "cf2", "warning"), ("cf21bl", "crazyflie", "ok"), ("cf2", "cf21bl", "warning"), ("cf2", "cf2", "ok")],
 )
 def test_rig_check_compares_the_vehicle_with_rig_tomls_platform_and_notes_a_newer_protocol(
     tmp_path: Path, vehicle: str, platform: str, state: str
@@ -432,14 +405,6 @@ def test_rig_check_compares_the_vehicle_with_rig_tomls_platform_and_notes_a_newe
         assert (answers["vehicle"]["state"], answers["link"]["state"]) == (state, "ok")
         bench.vehicle_suffers(protocol=99)
         assert checked(bench)["link"]["state"] == "warning"
-
-
-def test_a_dry_run_tells_the_time_and_reaches_for_nothing(cfid: Cfid, tmp_path: Path) -> None:
-    assert cfid("new", str(tmp_path)).returncode == 0
-    stairs = cfid("log", "thrust", "--dry-run", "--campaign", str(tmp_path))
-    sines = cfid("log", "sine", "--l", "1,2,4", "--dry-run", "--campaign", str(tmp_path))
-    assert stairs.stdout == "33 commands from 0 to 64000 on motors 1, 3, 10 s each with 3 s of pause: 7:12 min\n"
-    assert sines.stdout == "3 sines of 12 s: 0:34 min\n"
 
 
 @pytest.mark.parametrize(
@@ -478,33 +443,31 @@ def test_a_staircase_is_felt_by_the_load_cell(bench: Bench) -> None:
     assert [(window.Fz.mean() - at_rest) / 1e6 for window in windows] == pytest.approx(thrust_n, rel=0.1)
 
 
-def test_a_run_that_is_moved_while_motors_turn_ends_with_how_they_stopped(bench: Bench) -> None:
-    pilot = bench.start("log", "thrust", *QUICK)
-    pilot.wait_until_motors_run()
-    (folder,) = (bench.folder / "runs").iterdir()
-    folder.rename(bench.folder / "elsewhere")
-    assert pilot.end() == 4, pilot.err
-    assert "moved" in pilot.err
-    assert re.search(r"motors stopped, confirmed in \d+ ms", pilot.err)
-    assert not any(bench.motors)
+def move_run(folder: Path) -> None:
+    folder.rename(folder.parent.parent / "elsewhere")
 
 
-@pytest.mark.parametrize("fault", [True, False])
-def test_a_run_toml_that_cannot_be_written_at_the_end_is_named_with_how_the_motors_stopped(
-    bench: Bench, fault: bool
+def block_header(folder: Path) -> None:
+    header = folder / "run.toml"
+    header.rename(folder / "begun.toml")
+    header.mkdir()  # no file can replace a folder, not even for an administrator
+
+
+@pytest.mark.parametrize(
+    ("spoil", "fault", "code"), [(move_run, False, 4), (block_header, False, 4), (block_header, True, 3)]
+)
+def test_a_run_that_cannot_be_finished_ends_with_how_the_motors_stopped(
+    bench: Bench, spoil: Callable[[Path], None], fault: bool, code: int
 ) -> None:
     pilot = bench.start("log", "thrust", *QUICK)
     pilot.wait_until_motors_run()
     (folder,) = (bench.folder / "runs").iterdir()
-    header = folder / "run.toml"
-    header.rename(folder / "begun.toml")
-    header.mkdir()  # no file can replace a folder, not even for an administrator
+    spoil(folder)
     if fault:
         bench.vehicle_suffers(low_battery_after_s=0)
-    assert pilot.end() == (3 if fault else 4), pilot.err
+    assert pilot.end() == code, pilot.err
     assert re.search(r"motors stopped, confirmed in \d+ ms", pilot.err)
-    assert pilot.err.count("The run counts as cut. Its rows are kept.") == 1
-    assert str(header) in pilot.err
+    assert str(folder) in pilot.err
     assert not any(bench.motors)
 
 
@@ -586,23 +549,16 @@ def test_sines_are_played_one_after_the_other_and_resumed(bench: Bench) -> None:
 
 
 @BOTH
-def test_pings_are_fitted_and_shown_as_in_table_3_2(tmp_path: Path, firmware: str) -> None:
+def test_pings_are_fitted_by_their_mean_and_deviation(tmp_path: Path, firmware: str) -> None:
     radio = {"latency_s": 0.0285, "jitter_s": 0.008}
     with bench_in(tmp_path, crazyflie={"firmware": firmware}, radio=radio) as bench:
-        words = ("log", "ping", "--count", 60, "--interval", 0.07, "--note", "on the bench")
-        pilot = bench.start(*words, "--json")
+        pilot = bench.start("log", "ping", "--count", 60, "--interval", 0.07, "--json")
         assert pilot.end() == 0, pilot.err
         found = json.loads(pilot.out)["parameters"]
         measured_s = pd.read_csv(bench.run().device_file("pings")).rtt_s
-        assert len(measured_s) == 60
-        assert found["latency.rtt_mean_s"]["value"] == pytest.approx(measured_s.mean(), rel=1e-6)
-        assert found["latency.rtt_std_s"]["value"] == pytest.approx(measured_s.std(ddof=1), rel=1e-6)
-        shown = bench.start(*words)
-        assert shown.end() == 0
-    header, row = shown.out.splitlines()[1:3]
-    assert header.split() == ["circumstances", "packets", "mean", "RTT", "[ms]", "std", "[ms]", "least", "[ms]"]
-    assert row.startswith("on the bench")
-    assert "█" in shown.out
+    assert len(measured_s) == 60
+    assert found["latency.rtt_mean_s"]["value"] == pytest.approx(measured_s.mean(), rel=1e-6)
+    assert found["latency.rtt_std_s"]["value"] == pytest.approx(measured_s.std(ddof=1), rel=1e-6)
 
 
 # The console

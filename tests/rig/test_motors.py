@@ -2,31 +2,27 @@
 
 import json
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from cfid.errors import ConfigError, DeviceError, StopError
 from cfid.motors.plan import StaircasePlan
-from cfid.motors.staircase.record import run_staircase
-from cfid.rig.hardware import Hardware
-from cfid.rig.instrument import Block, Instrument
 from cfid.rig.motor_commands import hold
 from cfid.rig.motors import Limits
 from cfid.rig.stop import MAY_BE_RUNNING
 from cfid.sim.crazyflie_services import parameters
 from cfid.sim.supervisor import SupervisorState
-from cfid.transfer.sines.record import play_sine
 from cfid.units import MOTORS
 from cfid.wire.app import SineRequest, omega_of
 from cfid.wire.crtp import LOG_CONTROL_CHANNEL, LOG_DATA_CHANNEL, LOG_PORT, RESET_LOG, LogCommand, Packet
 from cfid.wire.supervisor import SUPERVISOR_PORT, encode_arming
-from tests.rig.flying import ALL, Flight, Procedure, facts, flight_in, rows, states
+from tests.rig.flying import ALL, Flight, facts, flight_in, states
 from tests.virtual_bench import Bench, bench_in
 
 SETPOINT = Packet(3, 0, bytes(14))  # the stock library sends this when it closes
@@ -35,16 +31,6 @@ KINDS = pytest.mark.parametrize("firmware", ["app", "stock"])
 BOTH = pytest.mark.parametrize("platform", ["cf2", "cf21bl"])
 LONGEST_STOP_S = 0.7
 BEGUN_S = 2.0  # of a recording, when a fault begins
-
-
-def climbing(flight: Flight, stairs: StaircasePlan) -> Procedure:
-    return lambda there: run_staircase(stairs, there["commands"], hardware=flight.hardware, tell=lambda _: None)
-
-
-def playing(flight: Flight, request: SineRequest) -> Procedure:
-    return lambda there: play_sine(
-        request, there["crossings"], before_s=0.1, hardware=flight.hardware, tell=lambda _: None
-    )
 
 
 def state_of(flight: Flight) -> SupervisorState:
@@ -120,107 +106,53 @@ def test_a_sine_beyond_the_limit_never_leaves(tmp_path: Path) -> None:
     with flight_in(tmp_path, largest_command=45000) as flight:
         sent = flight.packets()
         request = SineRequest(1, 20000, omega_of(3, 500), 500)
-        _, failure = flight.record([flight.ready.crossings()], playing(flight, request))
+        _, failure = flight.record([flight.ready.crossings()], flight.playing(request))
     assert isinstance(failure, ConfigError)
     assert not any(packet.port == 11 for packet in sent)
     assert not turned(flight)
 
 
 @pytest.mark.parametrize(
-    ("request_", "expected"),
+    "request_",
     [
-        (SineRequest(1, 20000, 0.1, 0), "N is zero"),
-        (SineRequest(1, 20000, float("nan"), 100), "no frequency"),
-        (SineRequest(1, 20000, 0.1, 1000), "no multiple of 2 pi/N"),
-        (SineRequest(7, 20000, omega_of(3, 100), 100), "no such motor"),
+        *(SineRequest(1, 20000, 0.1, samples) for samples in (0, 1000)),
+        SineRequest(1, 20000, float("nan"), 100),
+        SineRequest(7, 20000, omega_of(3, 100), 100),
     ],
 )
-def test_the_app_refuses_nonsense_and_names_it(tmp_path: Path, request_: SineRequest, expected: str) -> None:
+def test_what_the_app_refuses_turns_no_motor(tmp_path: Path, request_: SineRequest) -> None:
     with flight_in(tmp_path) as flight:
-        _, failure = flight.record([flight.ready.crossings()], playing(flight, request_))
+        _, failure = flight.record([flight.ready.crossings()], flight.playing(request_))
     assert isinstance(failure, DeviceError)
-    assert expected in str(failure)
     assert not turned(flight)
 
 
-class FaultyAtOnce(Instrument):
-    """An instrument whose first block already has a fault."""
-
-    name = "loadcell"
-
-    def __init__(self, record: Any) -> None:
-        self.record = record
-
-    def start(self, hardware: Hardware) -> None:
-        """It samples by itself."""
-
-    def take(self) -> Block:
-        return self.block(fault="loadcell: broken.")
+# Ways out: the motors are off 0.7 s later (tests/rig/test_motor_commands.py has those that commands see)
 
 
-@KINDS
-def test_after_a_faulty_first_block_no_procedure_begins(tmp_path: Path, firmware: str) -> None:
-    with flight_in(tmp_path, crazyflie={"firmware": firmware}) as flight:
-        sent = flight.packets()
-        instruments = [flight.ready.commands(), FaultyAtOnce(flight.ready.usual_log().record)]
-        _, failure = flight.record(instruments, flight.holding(20000, for_s=1.0))
-        flight.go_on(0.5)
-    assert "broken" in str(failure)
-    assert not turned(flight)
-    assert not any((20000).to_bytes(2, "little") in packet.payload for packet in sent)
-    assert not any(packet.port in (3, 7, 10, 11) for packet in sent)
-
-
-# Ways out: the motors are off 0.7 s later, or a message states that they may not be
-
-FAULTS: dict[str, dict[str, float]] = {
-    "silent": {"silent_after_s": 0},
-    "closed": {"closed_after_s": 0},
-    "battery": {"low_battery_after_s": 0},
-    "tumbled": {"tumble_after_s": 0},
-    "emergency": {"emergency_after_s": 0},
-    "reboot": {"reboot_after_s": 0},
-}
-OWN_DELAY_S = {"battery": 0.5, "tumbled": 0.3}  # until the fault counts as one
-
-
+@pytest.mark.parametrize(
+    ("fault", "own_delay_s"), [("tumble_after_s", 0.3), ("emergency_after_s", 0.0), ("reboot_after_s", 0.0)]
+)
 @pytest.mark.parametrize("is_sine", [False, True])
-@pytest.mark.parametrize("fault", FAULTS)
-def test_with_the_app_every_fault_stops_the_motors(tmp_path: Path, fault: str, is_sine: bool) -> None:
+def test_with_the_app_every_fault_of_the_vehicle_stops_the_motors(
+    tmp_path: Path, fault: str, own_delay_s: float, is_sine: bool
+) -> None:
+    """A fault counts as one after a delay of its own."""
     with flight_in(tmp_path) as flight:
-        flight.hardware.at(BEGUN_S, partial(flight.vehicle_suffers, **FAULTS[fault]))
+        flight.hardware.at(BEGUN_S, partial(flight.vehicle_suffers, **{fault: 0}))
         began_s = flight.hardware.seconds() + BEGUN_S
         if is_sine:
-            request = SineRequest(1, 20000, omega_of(5, 5000), 5000)
-            run, failure = flight.record([flight.ready.crossings(), flight.ready.usual_log()], playing(flight, request))
-        else:
-            run, failure = flight.record(
-                [flight.ready.commands(), flight.ready.usual_log()], flight.holding(30000, (1, 2), for_s=20.0)
+            driven, procedure = (
+                flight.ready.crossings(),
+                flight.playing(SineRequest(1, 20000, omega_of(5, 5000), 5000)),
             )
-            assert rows(run, "commands").iloc[-1].tolist()[1:] == [0, 0, 0, 0]
+        else:
+            driven, procedure = flight.ready.commands(), flight.holding(30000, (1, 2), for_s=20.0)
+        run, failure = flight.record([driven, flight.ready.usual_log()], procedure)
         flight.go_on(1.0)
     assert isinstance(failure, DeviceError)
-    assert MAY_BE_RUNNING not in str(failure) or fault in ("silent", "closed", "reboot")
-    assert flight.stopped_after(began_s + OWN_DELAY_S.get(fault, 0.0)) < LONGEST_STOP_S
+    assert flight.stopped_after(began_s + own_delay_s) < LONGEST_STOP_S
     assert run.header.state == "failed"
-
-
-@pytest.mark.parametrize("fault", ["silent", "closed", "battery", "tumbled", "emergency"])
-def test_with_stock_firmware_a_lost_link_alone_leaves_motors_on_and_that_is_told(tmp_path: Path, fault: str) -> None:
-    with flight_in(tmp_path, crazyflie={"firmware": "stock"}) as flight:
-        flight.hardware.at(BEGUN_S, partial(flight.vehicle_suffers, **FAULTS[fault]))
-        began_s = flight.hardware.seconds() + BEGUN_S
-        _, failure = flight.record(
-            [flight.ready.commands(), *flight.ready.watch()], flight.holding(30000, (1, 2), for_s=20.0)
-        )
-    if fault in ("silent", "closed"):
-        assert isinstance(failure, StopError)
-        assert MAY_BE_RUNNING in str(failure)
-        assert flight.motors == (30000, 30000, 0, 0)
-    else:
-        assert isinstance(failure, DeviceError)
-        assert MAY_BE_RUNNING not in str(failure)
-        assert flight.stopped_after(began_s + OWN_DELAY_S.get(fault, 0.0)) < LONGEST_STOP_S
 
 
 @KINDS
@@ -237,20 +169,6 @@ def test_whatever_a_procedure_raises_the_motors_stop(tmp_path: Path, firmware: s
         _, failure = flight.record([flight.ready.commands()], fail)
     assert failure is raised
     assert flight.stopped_after(began_s[0]) < LONGEST_STOP_S
-
-
-@pytest.mark.parametrize("loss", [0.1, 0.2])
-@KINDS
-def test_a_stop_that_needs_several_tries_is_tried_again(tmp_path: Path, firmware: str, loss: float) -> None:
-    with flight_in(tmp_path, crazyflie={"firmware": firmware}) as flight:
-        flight.hardware.at(1.0, flight.rig.crazyflie.radio.__init__, *_lossy(flight, loss))  # type: ignore[misc]
-        flight.hold(30000, (1,), for_s=1.5)
-    assert not any(flight.motors)
-
-
-def _lossy(flight: Flight, loss: float) -> tuple[Any, ...]:
-    truth = flight.rig.crazyflie.radio.to_vehicle._truth
-    return truth.model_copy(update={"loss": loss}), np.random.default_rng(6)
 
 
 @pytest.mark.parametrize(
@@ -272,16 +190,6 @@ def test_a_program_that_stands_still_does_not_take_that_for_the_vehicles_silence
     assert not any(flight.motors)
 
 
-def test_a_battery_that_is_empty_until_the_end_is_named_once(tmp_path: Path) -> None:
-    """Its voltage rises a little once the motors stop, and the rows that follow are written too."""
-    battery = {"kind": "lipo", "capacity_mah": 4.0, "resistance_ohm": 0.02, "open_circuit_v": (2.8, 3.3)}
-    with flight_in(tmp_path, battery=battery) as flight:
-        _, failure = flight.record(
-            [flight.ready.commands(), flight.ready.usual_log()], flight.holding(60000, for_s=60.0)
-        )
-    assert str(failure).count("the battery is at") == 1
-
-
 # The supervisor
 
 
@@ -292,7 +200,7 @@ def test_pauses_of_a_staircase_lock_no_brushless_vehicle_which_is_left_as_it_was
     stairs = StaircasePlan(steps=(0, 4256, 9000, 60000), motors=ALL, hold_s=1.0, rest_s=0.8)
     rotors = {"time_constant_s": time_constant_s}
     with flight_in(tmp_path, crazyflie={"platform": "cf21bl"}, rotors=rotors) as flight:
-        run, failure = flight.record([flight.ready.commands(), flight.ready.supervisor_log()], climbing(flight, stairs))
+        run, failure = flight.record([flight.ready.commands(), flight.ready.supervisor_log()], flight.climbing(stairs))
         flight.go_on(6.0)
         assert failure is None
         assert {motors for _, motors in flight.history} >= {(step,) * 4 for step in stairs.steps}
@@ -309,7 +217,7 @@ def test_a_sine_on_one_motor_leaves_the_others_of_a_brushless_vehicle_idling(tmp
     with flight_in(tmp_path, crazyflie={"platform": "cf21bl"}, rotors={"time_constant_s": 0.3}) as flight:
         run, failure = flight.record(
             [flight.ready.crossings(), flight.ready.supervisor_log()],
-            playing(flight, SineRequest(1, 20000, omega_of(4, 500), 500)),
+            flight.playing(SineRequest(1, 20000, omega_of(4, 500), 500)),
         )
         flight.go_on(4.0)
     assert failure is None
@@ -355,12 +263,12 @@ def test_a_setpoint_left_by_an_earlier_client_locks_nothing(tmp_path: Path, firm
 
 
 @KINDS
-@pytest.mark.parametrize(("fault", "name"), [("tumbled", "crashed"), ("emergency", "locked")])
+@pytest.mark.parametrize(("fault", "name"), [("tumble_after_s", "crashed"), ("emergency_after_s", "locked")])
 def test_a_state_in_which_motors_may_not_run_fails_the_run_by_its_name(
     tmp_path: Path, firmware: str, fault: str, name: str
 ) -> None:
     with flight_in(tmp_path, crazyflie={"firmware": firmware}) as flight:
-        flight.hardware.at(1.0, partial(flight.vehicle_suffers, **FAULTS[fault]))
+        flight.hardware.at(1.0, partial(flight.vehicle_suffers, **{fault: 0}))
         began_s = flight.hardware.seconds() + 1.0
         run, failure = flight.hold(for_s=10.0)
     assert isinstance(failure, DeviceError)
@@ -385,7 +293,7 @@ def test_a_pause_that_ends_when_the_vehicle_disarms_itself_takes_no_motors_back(
     """The vehicle lands 2 s after its motors stop and disarms itself 3 s later, just when the next step may begin."""
     stairs = StaircasePlan(steps=(10000, 20000), motors=ALL, hold_s=0.5, rest_s=rest_s)
     with flight_in(tmp_path) as flight:
-        _, failure = flight.record([flight.ready.commands(), flight.ready.supervisor_log()], climbing(flight, stairs))
+        _, failure = flight.record([flight.ready.commands(), flight.ready.supervisor_log()], flight.climbing(stairs))
     starts = [motors for (_, before), (_, motors) in pairwise(flight.history) if any(motors) and not any(before)]
     assert failure is None
     assert starts == [(step,) * 4 for step in stairs.steps]
@@ -572,9 +480,14 @@ VEHICLES: dict[str, dict[str, Any]] = {
 EACH = pytest.mark.parametrize("vehicle", VEHICLES)
 HOLD = ("motors", "set", 30000, "--yes", "--for")
 STAIRS = ("log", "thrust", "--motor", "1,2,3,4", "--from", 20000, "--to", 30000, "--step", 10000, "--yes")
+SINE = ("log", "sine", "--motor", 1, "--l", 100, "--n", 20000, "--yes")
 QUICK = ("--hold", 1, "--rest", 1)
 COMMANDS = pytest.mark.parametrize("words", [(*HOLD, 1), (*STAIRS, *QUICK)], ids=["set", "thrust"])
 THRUST = 25000
+ALIVE, OTHERS_THRUST = (  # of another owner
+    Packet(12, 2, bytes(4) + b"\x4d\0\0\0"),
+    Packet(10, 0, struct.pack("<Hi", 30000, 1) + b"\x4d\0\0\0"),
+)
 
 
 def fly(bench: Bench, thrust: int = 0, every_s: float = 0.05) -> None:
@@ -614,7 +527,6 @@ def test_a_command_does_not_start_motors_while_another_client_flies_the_vehicle(
         refused = bench.start(*words)
         assert refused.end() == 3, refused.out
         assert "setpoints" in refused.err
-        assert str(driven[0]) in refused.err
         assert {motors for _, motors in bench.history} <= {(0,) * 4, (7000,) * 4, driven}
         answer = supervisor_line(bench)
         assert (answer["state"], "setpoints" in answer["advice"]) == ("fault", True)
@@ -704,27 +616,21 @@ def test_overriding_parameters_are_named_before_a_motor_starts_and_a_stop_clears
         assert supervisor_line(bench)["state"] == "ok"
 
 
-@EACH
-@pytest.mark.parametrize("commands", [(22000, 0, 0, 0), (0, 0, 0, 0)], ids=["turning", "at zero"])
+@pytest.mark.parametrize(
+    ("vehicle", "words", "commands"),
+    [
+        *((vehicle, (*HOLD, 60), commands) for vehicle in VEHICLES for commands in ((22000, 0, 0, 0), (0, 0, 0, 0))),
+        *(("app", SINE, commands) for commands in ((22000, 0, 0, 0), (0, 22000, 0, 0))),
+    ],
+)
 def test_overriding_parameters_end_a_command_that_drives_the_motors(
-    tmp_path: Path, vehicle: str, commands: tuple[int, ...]
+    tmp_path: Path, vehicle: str, words: tuple[object, ...], commands: tuple[int, ...]
 ) -> None:
     with bench_in(tmp_path, crazyflie=VEHICLES[vehicle]) as bench:
-        pilot = bench.start(*HOLD, 60)
+        pilot = bench.start(*words)
         pilot.wait_until_motors_run(0.5)
         override(bench, *commands)
         assert pilot.end() == 3
-        assert "motorPowerSet" in pilot.err
-        assert not any(bench.motors)
-
-
-@pytest.mark.parametrize("commands", [(0, 22000, 0, 0), (22000, 0, 0, 0)], ids=["another motor", "the sine's"])
-def test_overriding_parameters_end_a_sine(tmp_path: Path, commands: tuple[int, ...]) -> None:
-    with bench_in(tmp_path) as bench:
-        pilot = bench.start("log", "sine", "--motor", 1, "--l", 100, "--n", 20000, "--yes")
-        pilot.wait_until_motors_run(0.5)
-        override(bench, *commands)
-        assert pilot.end() == 3, pilot.out
         assert "motorPowerSet" in pilot.err
         assert not any(bench.motors)
 
@@ -739,6 +645,26 @@ def test_a_vehicle_whose_motors_just_stopped_is_ready_once_it_has_landed(tmp_pat
         assert answer["answer"] != "flying"
 
 
+@contextmanager
+def other_ports(folder: Path) -> Iterator[Bench]:
+    """Open a bench whose rig.toml states other ports than the vehicle's app has, on which somebody drives motor 2."""
+    with bench_in(folder) as bench:
+        rig = bench.folder / "rig.toml"
+        rig.write_text(rig.read_text() + "thrust_port = 1\nsine_port = 6\nping_port = 14\n")
+        for packet in (ALIVE, OTHERS_THRUST):
+            bench.send(packet)
+        yield bench
+
+
+def test_motors_that_an_app_on_other_ports_drives_once_are_stopped_too(tmp_path: Path) -> None:
+    with other_ports(tmp_path) as bench:
+        bench.hardware.pause(0.01)
+        assert bench.motors[1] == 30000
+        bench.send_often(0.05, ALIVE)
+        assert bench.start("motors", "stop").end() == 0
+        assert not any(bench.motors)
+
+
 @pytest.mark.parametrize("lost", [0, 1, 2])
 def test_a_motor_that_an_app_on_other_ports_drives_is_seen_whichever_deletion_is_lost(
     tmp_path: Path, lost: int
@@ -750,36 +676,14 @@ def test_a_motor_that_an_app_on_other_ports_drives_is_seen_whichever_deletion_is
         is_deletion = packet[:2] == (LOG_PORT, LOG_CONTROL_CHANNEL) and packet.payload[0] == LogCommand.DELETE
         return not (is_deletion and left and left.pop())
 
-    with bench_in(tmp_path) as bench:
-        rig = bench.folder / "rig.toml"
-        rig.write_text(rig.read_text() + "thrust_port = 1\nsine_port = 6\nping_port = 14\n")
-        alive, thrust = (
-            Packet(12, 2, bytes(4) + b"\x4d\0\0\0"),
-            Packet(10, 0, struct.pack("<Hi", 30000, 1) + b"\x4d\0\0\0"),
-        )
-        bench.send(alive)
-        bench.send(thrust)
-        bench.send_often(0.02, alive, thrust)
+    with other_ports(tmp_path) as bench:
+        bench.send_often(0.02, ALIVE, OTHERS_THRUST)
         bench.disturb(leaving=passes)
         stop = bench.start("motors", "stop")
         assert stop.end() == 3, stop.out
         assert MAY_BE_RUNNING in stop.err
         assert "30000" in stop.err
         assert bench.motors[1] == 30000
-
-
-def test_motors_that_an_app_on_other_ports_drives_once_are_stopped_too(tmp_path: Path) -> None:
-    alive, thrust = Packet(12, 2, bytes(4) + b"\x4d\0\0\0"), Packet(10, 0, struct.pack("<Hi", 15000, 4) + b"\x4d\0\0\0")
-    with bench_in(tmp_path) as bench:
-        rig = bench.folder / "rig.toml"
-        rig.write_text(rig.read_text() + "thrust_port = 1\nsine_port = 6\nping_port = 14\n")
-        bench.send(alive)
-        bench.send(thrust)
-        bench.hardware.pause(0.01)
-        assert bench.motors == (15000,) * 4
-        bench.send_often(0.05, alive)
-        assert bench.start("motors", "stop").end() == 0
-        assert not any(bench.motors)
 
 
 def test_a_vehicle_whose_log_was_reset_by_another_program_is_not_left_unwatched(tmp_path: Path) -> None:

@@ -5,7 +5,6 @@ import math
 import re
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pandas as pd
@@ -14,10 +13,10 @@ import pytest
 from cfid.recordings.vehicle import read_rows
 from cfid.records.files import RIG_FILE
 from cfid.records.run import Run, list_runs, read_run
-from cfid.sim.e201 import Reply
+from cfid.sim.faults import SOUND_ENCODER, FaultyE201
 from cfid.sim.propulsion import Four
-from cfid.sim.virtual import _VirtualPort
 from tests.virtual_bench import Bench, Pilot, bench_in
+from tests.virtual_lab import Board
 
 TYPED = ("--from", 20000, "--to", 40000, "--step", 10000, "--hold", 0.2, "--rest", 0.1, "--yes")
 SPEEDS = ((20000, "11500"), (30000, "15300"), (40000, "19000"))
@@ -67,6 +66,11 @@ def stopped(run: Run) -> bool:
     return (run.header.devices["commands"].model_extra or {}).get("stopped_in_s") is not None
 
 
+def is_usable(run: Run) -> bool:
+    assert run.header.verdict is not None
+    return run.header.verdict.usable
+
+
 # A script
 
 
@@ -87,39 +91,29 @@ def test_a_script_types_readings_and_takes_them_back(
     assert readings(bench.run()) == expected
     assert bench.run().header.state == "complete"
     on_disk = pd.read_csv(bench.run().device_file("readings"))
-    assert (
-        on_disk.withdrawn.sum()
-        == pilot.err.count("taken back: ")
-        == len(on_disk) - len(expected) - (len(on_disk) - len(expected)) // 2
-    )
-    assert ("'23000' is not used" in pilot.err) == typed.endswith("23000\n")
+    assert 2 * on_disk.withdrawn.sum() == len(on_disk) - len(expected)  # one taken back is two rows
 
 
 @pytest.mark.parametrize(
-    ("kind", "steps", "typed", "words"),
+    ("kind", "steps", "typed"),
     [
-        ("speed", TYPED, "11500\n15300\n999999999\n", "command 40000"),
-        ("scales", TYPED, "30\n25\n77777\n", "command 40000"),
-        ("speed", ("--from", 0, "--to", 40000, "--step", 20000, *TYPED[6:]), "7290\n11500\n19000\n", "command 0"),
+        ("speed", TYPED, "11500\n15300\n999999999\n"),
+        ("scales", TYPED, "30\n25\n77777\n"),
+        ("speed", ("--from", 0, "--to", 40000, "--step", 20000, *TYPED[6:]), "7290\n11500\n19000\n"),
     ],
 )
-def test_a_script_is_told_of_an_implausible_reading_and_its_run_is_not_usable(
-    bench: Bench, kind: str, steps: tuple[object, ...], typed: str, words: str
+def test_an_implausible_reading_of_a_script_is_kept_and_its_run_is_not_usable(
+    bench: Bench, kind: str, steps: tuple[object, ...], typed: str
 ) -> None:
     pilot = bench.start("log", kind, *steps, typed=typed)
     assert pilot.end() == 0, pilot.err
     assert len(readings(bench.run())) == 3
-    verdict = bench.run().header.verdict
-    assert verdict is not None
-    assert not verdict.usable
-    assert words in verdict.text
+    assert not is_usable(bench.run())
 
 
-@pytest.mark.parametrize(("typed", "word"), [("12000\nfast\n", "'fast'"), ("12000\n", "input ended")])
-def test_a_script_that_types_nonsense_or_ends_early_stops_the_motors(bench: Bench, typed: str, word: str) -> None:
-    pilot = bench.start("log", "speed", *TYPED, typed=typed)
-    assert pilot.end() == 2
-    assert word in pilot.err
+@pytest.mark.parametrize("typed", ["12000\nfast\n", "12000\n"])
+def test_a_script_that_types_nonsense_or_ends_early_stops_the_motors(bench: Bench, typed: str) -> None:
+    assert bench.start("log", "speed", *TYPED, typed=typed).end() == 2
     assert not any(bench.motors)
     run = bench.run()
     assert (run.header.state, stopped(run), readings(run)) == ("failed", True, [[20000, 12000]])
@@ -180,15 +174,11 @@ def test_input_that_ends_at_a_reading_stops_the_motors(bench: Bench, ended: str)
         keyboard.type("\x04")
     else:
         keyboard.hang_up()
-    code = terminal.pilot.end()
-    header = bench.run().header
+    code, state = (2, "failed") if ended == "Ctrl-D" else (0, "interrupted")
+    assert terminal.pilot.end() == code
     assert not any(bench.motors)
     assert stopped(bench.run())
-    if ended == "Ctrl-D":
-        assert (code, header.state) == (2, "failed")
-    else:
-        assert (code, header.state) == (0, "interrupted")
-        assert "SIGHUP" in header.reason
+    assert bench.run().header.state == state
 
 
 # A reading that nobody types
@@ -272,35 +262,16 @@ STAIRCASE = ("--from", 20000, "--to", 50000, "--step", 10000, "--hold", 1.5, "--
 IDLE_RAD_PER_S, RAD_PER_S_PER_COMMAND = 381.0, 0.0408  # of the simulated rotors
 
 
-class Shown:
-    """A device that sends twenty lines a second, which depend on the motors' commands."""
-
-    continuous = True
-    faults = SimpleNamespace(unplug_after_s=None)
-
-    def __init__(self, bench: Bench, line: Callable[[Four], str]) -> None:
-        self._bench, self._line, self._next_s = bench, line, bench.hardware.seconds()
-
-    def received(self, data: bytes, now_s: float) -> list[Reply]:
-        return []
-
-    def due(self, now_s: float) -> list[Reply]:
-        if now_s < self._next_s:
-            return []
-        self._next_s += 0.05
-        return [(0.0, f"{self._line(self._bench.motors)}\r\n".encode())]
-
-
 def serve(bench: Bench, name: str, line: Callable[[Four], str]) -> str:
-    """Plug such a device in, and return its port."""
-    port = _VirtualPort(Shown(bench, line), bench.hardware.time)
-    bench.hardware.ports[f"/virtual/{name}-{bench.uri[6:]}"] = port
-    port.begin()
-    return f"/virtual/{name}-{bench.uri[6:]}"
+    """Plug in a device that sends twenty lines a second, which depend on the motors' commands; return its port."""
+    board = Board(lambda n: f"{line(bench.motors)}\r\n".encode(), rate_hz=20)
+    path = f"/virtual/{name}-{bench.uri[6:]}"
+    bench.hardware.plug_in(path, FaultyE201(board, SOUND_ENCODER, opened_s=bench.hardware.seconds()))
+    return path
 
 
 def state(bench: Bench, name: str, value: str, line: Callable[[Four], str], more: str = "") -> None:
-    """Plug such a device in, and state it in rig.toml."""
+    """Plug in such a device, and state it in rig.toml."""
     port = serve(bench, name, line)
     with (bench.folder / RIG_FILE).open("a") as file:
         file.write(
@@ -327,19 +298,14 @@ def test_a_speed_map_is_fitted_to_what_a_tachometer_sent_by_its_own_markers(benc
     assert offset == pytest.approx(IDLE_RAD_PER_S, rel=1e-3)
 
 
-@pytest.mark.parametrize(("share", "reason"), [(0.5, "0.50 times"), (4.0, "implausible at 65535 cmd")])
-def test_speeds_that_the_fit_rejects_are_of_no_use_at_once(bench: Bench, share: float, reason: str) -> None:
+@pytest.mark.parametrize("share", [0.5, 4.0])
+def test_speeds_that_the_fit_rejects_are_of_no_use_at_once(bench: Bench, share: float) -> None:
     state(bench, "tachometer", "rpm", lambda motors: f"{share * rpm(motors):.1f}", "markers = 1")
     short = ("--from", 20000, "--to", 40000, "--step", 20000, "--hold", 1, "--rest", 0.5, "--yes")
     pilot = bench.start("log", "speed", "--tachometer", "lines", *short)
     assert pilot.end() == 0, pilot.err
-    verdict = bench.run().header.verdict
-    assert verdict is not None
-    assert not verdict.usable
-    assert reason in verdict.text
-    fit = bench.start("fit", "speed", bench.run().folder, "--json", "--no-figures")
-    assert fit.end() == 5
-    assert reason in fit.err
+    assert not is_usable(bench.run())
+    assert bench.start("fit", "speed", bench.run().folder, "--no-figures").end() == 5
 
 
 def test_no_motor_starts_before_a_line_of_the_tachometer_matches(bench: Bench) -> None:
@@ -381,9 +347,7 @@ def test_a_thrust_map_is_verified_by_what_scales_sent_as_lines(bench: Bench) -> 
     state(bench, "scales", "grams", lambda motors: f"{grams(motors):.1f}")
     pilot = bench.start("log", "scales", *STAIRCASE)
     assert pilot.end() == 0, pilot.err
-    verdict = bench.run().header.verdict
-    assert verdict is not None
-    assert verdict.usable
+    assert is_usable(bench.run())
     fit = bench.start("fit", "thrust", "forces.csv", "--verify", bench.run().folder, "--no-figures")
     assert fit.end() == 0, fit.err
     ((count, most_mn),) = re.findall(r"verification: (\d+) readings, .* at most ([0-9.]+) mN from the map", fit.out)
@@ -404,5 +368,4 @@ def test_scales_at_a_port_are_resumed_at_it(bench: Bench) -> None:
     assert second.header.requested["steps"] == [40000]
     said = [run.header.devices["scales"].model_extra or {} for run in (first, second)]
     assert [(facts["port"], facts["baud"]) for facts in said] == [(port, 19200)] * 2
-    assert second.header.verdict is not None
-    assert second.header.verdict.usable
+    assert is_usable(second)

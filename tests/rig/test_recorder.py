@@ -1,6 +1,6 @@
 """The recorder: the order of its instruments, their blocks, and the release of every device whatever ends the run."""
 
-import subprocess
+import resource
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -11,12 +11,11 @@ import pandas as pd
 import pytest
 
 from cfid.errors import DeviceError, StopError
-from cfid.records.run import DeviceRecord, Run, read_run
+from cfid.records.run import DeviceRecord, Run
 from cfid.rig.hardware import Hardware
 from cfid.rig.instrument import Block, Instrument
 from cfid.rig.progress import Progress
 from tests.known import known
-from tests.places import ROOT
 from tests.virtual_lab import UNIX_S, Lab, recorded
 
 
@@ -184,17 +183,19 @@ def test_a_fault_in_a_block_ends_the_run_after_its_rows(desk: Desk) -> None:
     assert min(len(counts_of(run, name)) for name in ("a", "b")) > 200
 
 
-def test_a_procedure_is_not_begun_where_the_first_block_fails(desk: Desk) -> None:
+@pytest.mark.parametrize("fails_in", ["take", "fault"])
+def test_a_procedure_is_not_begun_where_the_first_block_fails(desk: Desk, fails_in: str) -> None:
+    """So no motor turns beside a load cell that is broken from the beginning."""
     begun: list[str] = []
 
     async def procedure(*_: object) -> None:
         begun.append("it")
 
-    counter = desk.counter("a", take=FAULT)
+    counter = desk.counter("a", **{fails_in: FAULT})
     counter._fails_from_s = 0.0
     _, error, _ = recorded(desk.hardware, desk.folder, counter, procedure=procedure)
 
-    assert error is FAULT
+    assert str(error) == str(FAULT)
     assert begun == []
     assert desk.of("a") == WHOLE_LIFE
 
@@ -225,23 +226,18 @@ def test_a_computer_that_was_suspended_ends_the_run_with_its_rows_kept(desk: Des
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of Linux")
 @pytest.mark.parametrize("device", ["encoder", "loadcell"])
 def test_a_full_disk_fails_the_run_stops_the_device_and_keeps_whole_rows(tmp_path: Path, device: str) -> None:
-    body = """
-import resource, sys
-from pathlib import Path
-from tests.virtual_lab import Lab
-lab = Lab(Path(sys.argv[1]))
-log = lab.start("log", sys.argv[2])
-log.wait_for_rows(20)
-resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
-ended = log.end()
-print(ended.code, lab.box.streaming, lab.hardware.ports[lab.port].receiver, lab.hardware.seconds() < 10)
-"""
-    command = [sys.executable, "-c", body, str(tmp_path), device]
-    told = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=60)
-    (folder,) = (tmp_path / "runs").iterdir()
-    run = read_run(folder)
+    lab, limits = Lab(tmp_path), resource.getrlimit(resource.RLIMIT_FSIZE)
+    log = lab.start("log", device)
+    log.wait_for_rows(20)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, limits[1]))
+    try:
+        code = log.end().code
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    run = lab.run()
 
-    assert told.stdout.split() == ["4", "False", "None", "True"], told.stderr
+    assert (code, lab.box.streaming, lab.hardware.ports[lab.port].receiver) == (4, False, None)
+    assert lab.hardware.seconds() < 10
     assert run.header.state == "failed"
     assert "File too large" in run.header.reason
     assert len(pd.read_csv(run.device_file(device))) == known(run.header.devices[device].rows) > 100

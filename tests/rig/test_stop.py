@@ -8,9 +8,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -18,12 +17,12 @@ from cfid.errors import DeviceError, StopError
 from cfid.records.files import RIG_FILE
 from cfid.records.run import list_runs
 from cfid.rig.emergency import stop_vehicle
-from cfid.rig.hardware import Hardware, Real
-from cfid.rig.link import Link, QueuedPacket, open_link
+from cfid.rig.hardware import Real
+from cfid.rig.link import Link, open_link
 from cfid.rig.lock import DeviceLock, find_holder
 from cfid.rig.stop import MAY_BE_RUNNING, stop_over
 from cfid.sim.supervisor import SupervisorState
-from cfid.wire.app import AppPorts, AppState, Flags, PingChannel, encode_state
+from cfid.wire.app import AppPorts, PingChannel
 from cfid.wire.crtp import Packet, encode_set_by_name
 from tests.flying_in_a_folder import Bench as ServedBench
 from tests.flying_in_a_folder import Pilot as Process
@@ -33,6 +32,8 @@ from tests.virtual_bench import Bench, bench_in
 KINDS = pytest.mark.parametrize("firmware", ["app", "stock"])
 HOLD = ("motors", "set", 30000, "--motor", "1,3", "--yes")
 AFTERWARDS_S = 0.8  # longer than the app waits for a keep-alive, and than a setpoint stays valid
+Alter = Callable[[Packet], Packet]
+APP, PARAMETERS = (12, int(PingChannel.STOP)), (2, 3)  # where a stop is answered
 DRIVEN = (("m2", "H", 20000), ("enable", "B", 1))  # parameters motorPowerSet that drive motor 2
 
 
@@ -45,69 +46,52 @@ def drive(link: Link) -> None:
 # The packets
 
 
-class Answering(Link):
-    """A link to a vehicle whose answers to packets can be lost, wrong or late."""
+def flipped(place: tuple[int, int], byte: int, bits: int) -> Alter:
+    """Flip bits of a byte in the vehicle's answers on a port and channel."""
 
-    def __init__(
-        self, hardware: Hardware, *, ignores: int = 0, error: int = 0, late: bool = False, commands: int = 0
-    ) -> None:
-        super().__init__("answering://")
-        self.sent: list[Packet] = []
-        self._hardware, self._ignores, self._error = hardware, ignores, error
-        self._late, self._commands = int(late), commands
-        self._answers: list[Packet] = []
+    def altered(packet: Packet) -> Packet:
+        payload = bytearray(packet.payload)
+        if packet[:2] == place:
+            payload[byte] ^= bits
+        return packet._replace(payload=bytes(payload))
 
-    def send(self, packet: Packet) -> QueuedPacket:
-        self.sent.append(packet)
-        if self._ignores:
-            self._ignores -= 1
-        elif packet.port == 2:
-            begin = packet.payload[: packet.payload.index(b"\0", 16) + 1]  # ends after the parameter's own name
-            self._answers.append(Packet(2, 3, begin + bytes([self._error])))
-        elif packet[:2] == (12, PingChannel.STOP):
-            number = int.from_bytes(packet.payload, "little")
-            state = AppState(number - self._late, Flags(0), (self._commands, 0, 0, 0), 0)
-            self._answers.append(Packet(12, PingChannel.STOP, encode_state(state)))
-        return QueuedPacket(packet)
-
-    def receive(self, within_s: float) -> Packet | None:
-        if self._answers:
-            return self._answers.pop(0)
-        self._hardware.pause(within_s)
-        return None
-
-    def attach(self, wake: Any) -> None:
-        raise NotImplementedError
-
-    def arrived(self) -> list[Any]:
-        raise NotImplementedError
-
-    def close(self) -> None:
-        """Nothing is open."""
+    return altered
 
 
 @pytest.mark.parametrize(
-    ("options", "by_app", "by_parameters", "after_s"),
+    ("lost", "altered", "by_app", "by_parameters", "after_s"),
     [
-        ({}, True, True, (0.0, 0.001)),
-        ({"ignores": 9}, True, True, (0.06, 0.15)),  # the ninth is of the second turn: the third's is answered
-        ({"error": 2}, True, True, (0.0, 0.001)),  # firmware without the parameters has nothing to clear
-        ({"error": 22}, True, False, (0.0, 0.001)),  # of another type: not surely cleared
-        ({"commands": 1}, False, True, (0.0, 0.001)),
-        ({"late": True}, False, True, (0.0, 0.001)),
+        (0, flipped(APP, 0, 0), True, True, (0.0, 0.01)),
+        (9, flipped(APP, 0, 0), True, True, (0.06, 0.15)),  # the ninth is of the second turn: the third's is answered
+        (
+            0,
+            flipped(PARAMETERS, -1, 2),
+            True,
+            True,
+            (0.0, 0.01),
+        ),  # firmware without them has nothing to clear
+        (0, flipped(PARAMETERS, -1, 22), True, False, (0.0, 0.01)),  # of another type: not surely cleared
+        (0, flipped(APP, 5, 1), False, True, (0.0, 0.01)),  # a command that is not zero
+        (0, flipped(APP, 0, 1), False, True, (0.0, 0.01)),  # the answer to another stop
     ],
 )
 def test_a_stop_is_acknowledged_by_what_answers_it(
-    tmp_path: Path, options: dict[str, Any], by_app: bool, by_parameters: bool, after_s: tuple[float, float]
+    tmp_path: Path, lost: int, altered: Alter, by_app: bool, by_parameters: bool, after_s: tuple[float, float]
 ) -> None:
-    with bench_in(tmp_path) as bench:
-        link = Answering(bench.hardware, **options)
+    left = [True] * lost
+
+    def passes(packet: Packet) -> bool:
+        return not (packet.port in (2, 12) and left and left.pop())
+
+    with bench_in(tmp_path) as bench, contextlib.closing(bench.hardware.link(bench.uri)) as link:
+        sent = bench.packets()
+        bench.disturb(lambda packet: [altered(packet)], passes)
         acknowledged = stop_over(link, AppPorts(), bench.hardware)
     assert (acknowledged.by_app, acknowledged.by_parameters) == (by_app, by_parameters)
     assert after_s[0] <= acknowledged.after_s <= after_s[1]
     kinds = {"enable": "B", "m1": "H", "m2": "H", "m3": "H", "m4": "H"}
-    by_name = [packet.payload for packet in link.sent if packet[:2] == (2, 3)]
-    assert by_name[:5] == [encode_set_by_name(f"motorPowerSet.{name}", kind, 0) for name, kind in kinds.items()]
+    by_name = {packet.payload for packet in sent if packet[:2] == (2, 3)}
+    assert by_name == {encode_set_by_name(f"motorPowerSet.{name}", kind, 0) for name, kind in kinds.items()}
 
 
 def test_where_one_packet_in_ten_is_lost_motors_stop_within_half_a_second(tmp_path: Path) -> None:

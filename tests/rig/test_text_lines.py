@@ -10,12 +10,10 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import pandas as pd
 import pytest
 
 from cfid.console.log_summary import devices_of
 from cfid.errors import ConfigError, DeviceError
-from cfid.recordings.angle import angle_record
 from cfid.recordings.read import read_recording
 from cfid.recordings.wrench import wrench_of
 from cfid.records.rig_file import EncoderLines, LineDevice, LineValue, LoadCellLines
@@ -150,68 +148,30 @@ def test_an_angle_is_a_column_in_counts_of_the_stated_turn_or_in_radians(lab: La
 # Losses
 
 
-DEVICES = """
-[devices.encoder]
-rate_hz = 100
-[devices.loadcell]
-kind = "lines"
-port = "/dev/null"
-rate_hz = 200
-values = [{0}{{ name = "Fz", unit = "mN" }}]
-"""
-
-
-def logged(folder: Path, sent: Lines, *, board_hz: float, clocked: bool) -> tuple[Any, dict[str, Any], int, Lab]:
-    """Log a load cell whose force in mN numbers its lines, by a command.
-
-    Return what it said, its summary of the device, and how many lines between the rows are missing.
-    """
-    with lab_in(folder, DEVICES.format("{ name = 'device_us' }, " if clocked else "")) as lab:
-        lab.plug_in(Board(sent, rate_hz=board_hz))
-        said = lab.cfid("log", "loadcell", "--for", 5, "--json")
-    assert said.code == 0, said.err
-    summary = json.loads(said.out)["devices"]["loadcell"]
-    numbers = np.rint(1e3 * pd.read_csv(summary["file"])["Fz"].to_numpy()).astype(int)
-    return said, summary, int(numbers[-1] - numbers[0] + 1 - len(numbers)), lab
-
-
-@pytest.mark.parametrize("clocked", [True, False], ids=["by its clock", "by the stated rate"])
-@pytest.mark.parametrize("loss", [0.1, 0.2, 0.3, 0.4])
-def test_the_counted_loss_is_the_true_one(tmp_path: Path, loss: float, clocked: bool) -> None:
+@pytest.mark.parametrize("setting", [CELL, CLOCKLESS], ids=["by its clock", "by the stated rate"])
+@pytest.mark.parametrize("loss", [0.1, 0.4])
+def test_the_counted_loss_is_the_true_one(lab: Lab, loss: float, setting: LoadCellLines) -> None:
     """The clock, and the lines, are 3 % quicker than stated where the device sends one: the count is exact even so."""
-    come = np.random.default_rng(round(100 * loss)).random(2000) >= loss
-    rate_hz = 200 * (1.03 if clocked else 1.0)
+    gone = set(np.flatnonzero(np.random.default_rng(round(100 * loss)).random(1200) < loss))
+    if setting is CELL:
+        log = Log(lab, but(gone, ticking(lambda n: round(PERIOD_US * n / 1.03))), for_s=12.5, every=1 / 1.03)
+    else:
+        log = Log(lab, but(gone, lambda n: b"%d\n" % n), setting=setting, for_s=12.5)
+    (listed,) = json.loads(lab.cfid("runs", "--json").out)["runs"]
 
-    def sent(n: int) -> bytes:
-        stamp = b"%d," % round(1e6 * n / rate_hz) if clocked else b""
-        return b"%s%d\n" % (stamp, n) if come[n] else b""
-
-    said, summary, missing, lab = logged(tmp_path, sent, board_hz=rate_hz, clocked=clocked)
-    listed = json.loads(lab.cfid("runs", "--json").out)["runs"][0]
-
-    assert missing == pytest.approx(loss * 5 * 200, rel=0.25)
-    assert summary["lost"] == pytest.approx(missing, abs=0 if clocked else 0.1 * 200)
-    assert lab.run().header.devices["loadcell"].lost == listed["lost"] == summary["lost"]
-    assert "rate_hz" not in said.err
+    assert log.missing == pytest.approx(loss * 1000, rel=0.25)
+    assert log.lost == pytest.approx(log.missing, abs=0 if setting is CELL else 0.1 * 80)
+    assert listed["lost"] == log.lost
+    assert log.said == []
 
 
-def test_losses_are_unknown_where_more_lines_come_than_rig_toml_states(tmp_path: Path) -> None:
-    said, summary, _, lab = logged(tmp_path, lambda n: b"%d\n" % n, board_hz=240, clocked=False)
-    listed = json.loads(lab.cfid("runs", "--json").out)["runs"][0]
+def test_losses_are_unknown_where_more_lines_come_than_rig_toml_states(lab: Lab) -> None:
+    log = Log(lab, lambda n: b"%d\n" % n, setting=CLOCKLESS, every=1 / 1.2)
 
-    assert summary["lost"] is None
-    assert 'lost = "unknown"' in (lab.run().folder / "run.toml").read_text()
-    assert listed["lost"] == "?"
-    assert "rate_hz" in said.err
-    assert lab.cfid("show", "last", "--json").code == 0
-
-
-def test_lines_that_are_sent_twice_leave_the_losses_unknown(lab: Lab) -> None:
-    log = Log(lab, lambda n: 2 * line(n))
-
-    assert len(log.rows) == pytest.approx(800, abs=4)
     assert log.lost is None
-    assert len(log.said) == 1
+    assert 'lost = "unknown"' in (log.run.folder / "run.toml").read_text()
+    assert json.loads(lab.cfid("runs", "--json").out)["runs"][0]["lost"] == "?"
+    assert "rate_hz" in log.said[0]
 
 
 @pytest.mark.parametrize("torn", [b"\x1b]0;\x07no\r\n", b"torn\r\n", b"7,8,9\r\n"])
@@ -330,13 +290,6 @@ def test_lines_that_come_in_bursts_are_lost_only_where_the_devices_clock_skips_s
     assert log.lost == log.missing == len(damaged)
 
 
-def test_lines_of_an_adapter_that_collects_16_ms_are_kept_after_a_gap_too(lab: Lab) -> None:
-    quick = CLOCKLESS.model_copy(update={"rate_hz": 1000.0})
-    log = Log(lab, but(range(60, 180), lambda n: b"1\n" * 16), setting=quick, every=16, for_s=6)
-
-    assert log.lost == pytest.approx(120 * 16, abs=40)
-
-
 @pytest.mark.parametrize("overflown", [0, 120])
 def test_lines_that_the_computer_kept_while_the_program_stood_still_are_not_lost(lab: Lab, overflown: int) -> None:
     log = Log(lab, but(range(80, 80 + overflown), line), at={0.99: lambda: lab.hardware.stand_still(2.0)})
@@ -368,22 +321,7 @@ def test_a_silence_for_good_fails_the_run_and_shows_nothing_unprintable(lab: Lab
     assert len(log.rows) == 79
 
 
-def test_a_device_none_of_whose_lines_match_fails_with_what_it_sent(lab: Lab) -> None:
-    log = Log(lab, lambda n: b"0,301,7,8\r\n", for_s=8)
-
-    assert "0,301,7,8" in str(log.error)
-    assert (len(log.rows), log.reasons) == (0, [])
-
-
 # The plug, and motors
-
-
-def test_while_motors_run_a_silence_ends_the_run_in_half_a_second(lab: Lab) -> None:
-    log = Log(lab, but(range(80, 9999), line), patient=False, for_s=None)
-
-    assert isinstance(log.error, DeviceError)
-    assert log.took_s < 1.6
-    assert len(log.rows) == 79
 
 
 def pull(lab: Lab) -> Callable[[], None]:
@@ -394,11 +332,15 @@ def put_back(lab: Lab) -> Callable[[], None]:
     return partial(lab.plug_back, f"{lab.port}-board")
 
 
-def test_while_motors_run_a_pulled_plug_ends_the_run_at_once(lab: Lab) -> None:
-    log = Log(lab, line, patient=False, for_s=None, at={1.0: pull(lab)})
+@pytest.mark.parametrize(("is_pulled", "took_s"), [(False, 1.6), (True, 1.1)])
+def test_while_motors_run_a_silence_ends_the_run_in_half_a_second_and_a_pulled_plug_at_once(
+    lab: Lab, is_pulled: bool, took_s: float
+) -> None:
+    sent = line if is_pulled else but(range(80, 9999), line)
+    log = Log(lab, sent, patient=False, for_s=10, at={1.0: pull(lab)} if is_pulled else {})
 
     assert isinstance(log.error, DeviceError)
-    assert log.took_s < 1.1
+    assert log.took_s < took_s
     assert len(log.rows) == pytest.approx(80, abs=2)
 
 
@@ -426,13 +368,6 @@ def test_a_port_is_locked_while_it_is_recorded_and_has_to_be_there(lab: Lab) -> 
             ready_lines("loadcell", CELL, lab.hardware, held, say=print)
 
 
-def test_a_bias_and_a_rate_are_the_boxs(tmp_path: Path) -> None:
-    with lab_in(tmp_path, DEVICES.format("")) as lab:
-        for words in (("--bias",), ("--rate-hz", 100)):
-            assert lab.cfid("log", "loadcell", *words).code != 0
-    assert lab.run_folder() is None
-
-
 # cfid rig check
 
 
@@ -451,10 +386,9 @@ def test_check_shows_rate_clock_and_resolution(lab: Lab) -> None:
     assert "steps of 0.0049," in found["Fz"].answer
 
 
-@pytest.mark.parametrize("clocked", [True, False])
-def test_check_shows_lines_that_never_came(lab: Lab, clocked: bool) -> None:
-    sent: Lines = line if clocked else lambda n: b"%d\n" % n
-    found = checked(lab, but(range(0, 999, 3), sent), setting=CELL if clocked else CLOCKLESS)["lines"]
+@pytest.mark.parametrize(("setting", "sent"), [(CELL, line), (CLOCKLESS, lambda n: b"%d\n" % n)])
+def test_check_shows_lines_that_never_came(lab: Lab, setting: LoadCellLines, sent: Lines) -> None:
+    found = checked(lab, but(range(0, 999, 3), sent), setting=setting)["lines"]
     missing, expected = map(int, re.findall(r"(\d+) of the (\d+) expected", found.answer)[0])
 
     assert found.state == "warning"
@@ -492,50 +426,20 @@ def test_check_leaves_a_port_alone_that_is_held_and_names_one_that_is_not_there(
     assert "no such port" in absent.answer
 
 
-# The simulated rig
-
-
-RIG = """
+def test_a_force_cell_that_sends_lines_gives_a_thrust_map(tmp_path: Path) -> None:
+    cell = """
 [devices.encoder]
-kind = "lines"
-port = "/dev/null"
-rate_hz = 200
-values = [{ name = "phi", unit = "deg" }, { name = "device_us" }]
-
+rate_hz = 100
 [devices.loadcell]
 kind = "lines"
 port = "/dev/null"
 rate_hz = 80
-pattern = 'Fz=(\\S+)'
+pattern = 'Fz=(\\\\S+)'
 values = [{ name = "Fz", unit = "mN" }]
 """
-
-
-def test_a_simulated_rig_serves_both_and_commands_record_and_judge_them(tmp_path: Path) -> None:
-    with lab_in(tmp_path, RIG) as lab:
-        checks = json.loads(lab.cfid("rig", "check", "--json").out)["devices"]
-        logs = [lab.cfid("log", name, "--for", 2) for name in ("encoder", "loadcell")]
-        preflights = [
-            json.loads(lab.cfid("rig", "preflight", *words, "--json").out)["devices"]
-            for words in (("swing", "--for", 1), ("thrust", "--for", 3, "--yes"))
-        ]
-
-    assert [answer["asked"] for answer in checks["encoder"]] == ["port", "lines", "device_us", "phi"]
-    assert [answer["asked"] for answer in checks["loadcell"]] == ["port", "lines", "Fz"]
-    assert [log.code for log in logs] == [0, 0]
-    of_angle, of_force = sorted((tmp_path / "runs").iterdir(), key=lambda folder: "loadcell" in folder.name)
-    assert len(angle_record(of_angle).time_s) > 300
-    assert len(wrench_of(read_recording(of_force)).force_n) > 150
-    judged = preflights[0]["encoder"], preflights[1]["loadcell"]
-    swing, thrust = ({answer["asked"]: answer["state"] for answer in answers} for answers in judged)
-    assert "steps of phi" in swing
-    assert (thrust["rate"], thrust["losses"], thrust["steps of Fz"]) == ("ok", "ok", "ok")
-
-
-def test_a_force_cell_that_sends_lines_gives_a_thrust_map(tmp_path: Path) -> None:
     staircase = ("--from", 20000, "--to", 60000, "--step", 10000, "--hold", 2, "--rest", 1, "--yes")
-    with lab_in(tmp_path, RIG) as lab:
-        logged = lab.cfid("log", "thrust", *staircase, "--no-preflight")
+    with lab_in(tmp_path, cell) as lab:
+        logged = lab.cfid("log", "thrust", *staircase)
         fitted = lab.cfid("fit", "thrust", "*_thrust", "--json", "--no-figures")
 
     assert logged.code == fitted.code == 0, logged.err + fitted.err

@@ -21,22 +21,20 @@ from cflib.crtp.exceptions import WrongUriType
 from cfid.errors import DeviceError
 from cfid.latency.record import ping_often
 from cfid.motors.plan import StaircasePlan
-from cfid.motors.staircase.record import run_staircase
 from cfid.recordings.angle import angle_record
 from cfid.recordings.vehicle import read_rows
 from cfid.rig.hardware import Real
 from cfid.rig.link import Link, open_link
 from cfid.rig.ready_vehicle import INERTIAL
 from cfid.rig.tables import connect
-from cfid.rig.vehicle import BATTERY, asked, logged
+from cfid.rig.vehicle import BATTERY
 from cfid.sim.propulsion import RotorTruth
-from cfid.transfer.sines.record import play_sine
 from cfid.wire.app import AppPorts, SineChannel, SineRequest, omega_of
-from cfid.wire.crtp import LOG_CONTROL_CHANNEL, LOG_PORT, RESET_LOG, LogCommand, Packet
+from cfid.wire.crtp import LOG_CONTROL_CHANNEL, LOG_PORT, LogCommand, Packet
 from tests.flying_in_a_folder import bench_in as served_in
 from tests.known import known
 from tests.rig.flying import Flight, Procedure, facts, flight_in, rows
-from tests.virtual_bench import UNIX_S, bench_in
+from tests.virtual_bench import UNIX_S, Bench, bench_in
 
 KINDS = pytest.mark.parametrize("firmware", ["app", "stock"])
 RADIO = {"latency_s": 0.0285, "jitter_s": 0.008}  # table 3.2
@@ -47,16 +45,6 @@ STILL: dict[str, Any] = {
     "rotors": {"unbalance": (0.0,) * 6, "blade_pass": (0.0,) * 6},
     "loadcell": {"noise_std": (0.0,) * 6, "drift_per_s": (0.0,) * 6},
 }
-
-
-def climbing(flight: Flight, stairs: StaircasePlan = STAIRS) -> Procedure:
-    return lambda there: run_staircase(stairs, there["commands"], hardware=flight.hardware, tell=lambda _: None)
-
-
-def playing(flight: Flight, request: SineRequest) -> Procedure:
-    return lambda there: play_sine(
-        request, there["crossings"], before_s=0.1, hardware=flight.hardware, tell=lambda _: None
-    )
 
 
 def pinging(flight: Flight, count: int) -> Procedure:
@@ -97,7 +85,7 @@ def test_a_staircase_drives_the_motors_and_its_commands_are_recorded_as_they_lef
     tmp_path: Path, firmware: str
 ) -> None:
     with flight_in(tmp_path, crazyflie={"firmware": firmware}) as flight:
-        run, failure = flight.record([flight.ready.commands(), flight.ready.usual_log()], climbing(flight))
+        run, failure = flight.record([flight.ready.commands(), flight.ready.usual_log()], flight.climbing(STAIRS))
     assert failure is None
     driven = [motors for _, motors in flight.history]
     assert {(10000, 0, 10000, 0), (20000, 0, 20000, 0)} <= set(driven)
@@ -118,7 +106,7 @@ def test_a_staircase_drives_the_motors_and_its_commands_are_recorded_as_they_lef
 def test_the_crossings_of_a_sine_are_those_of_equation_3_6(tmp_path: Path, periods: int) -> None:
     u = commanded(periods)
     with flight_in(tmp_path) as flight:
-        run, failure = flight.record([flight.ready.crossings()], playing(flight, sine(periods, motor=2)))
+        run, failure = flight.record([flight.ready.crossings()], flight.playing(sine(periods, motor=2)))
     assert failure is None
     reports, expected = rows(run, "crossings"), crossings_of(u)
     assert reports["sample"].tolist() == [*expected, len(u)]
@@ -139,7 +127,7 @@ def test_reports_of_a_sine_that_the_link_lost_are_counted(tmp_path: Path, lost: 
     with flight_in(tmp_path) as flight:
         numbers = iter(range(1000))
         flight.disturb(lambda packet: [] if packet[:2] == place and next(numbers) in lost else [packet])
-        run, failure = flight.record([flight.ready.crossings()], playing(flight, sine(40)))
+        run, failure = flight.record([flight.ready.crossings()], flight.playing(sine(40)))
     assert failure is None
     assert len(crossings_of(commanded(40))) + 1 - len(rows(run, "crossings")) == len(lost)
     assert run.header.devices["crossings"].lost == len(lost)
@@ -149,9 +137,9 @@ def test_reports_of_a_sine_that_the_link_lost_are_counted(tmp_path: Path, lost: 
 def test_the_end_of_an_interrupted_sine_is_not_taken_for_that_of_the_next(tmp_path: Path, pause_s: float) -> None:
     with flight_in(tmp_path) as flight:
         flight.hardware.at(0.5, flight.hardware.request_end, "SIGTERM")
-        first, _ = flight.record([flight.ready.crossings(), *flight.ready.watch()], playing(flight, sine(5)))
+        first, _ = flight.record([flight.ready.crossings(), *flight.ready.watch()], flight.playing(sine(5)))
         flight.go_on(pause_s)
-        second, failure = flight.record([flight.ready.crossings()], playing(flight, sine(5)))
+        second, failure = flight.record([flight.ready.crossings()], flight.playing(sine(5)))
     assert failure is None
     assert rows(first, "crossings")["sample"].max() < 500
     assert rows(second, "crossings")["sample"].tolist() == [*crossings_of(commanded(5)), 500]
@@ -184,18 +172,9 @@ def test_pings_that_get_no_answer_are_lost_and_the_next_is_sent(tmp_path: Path) 
 @pytest.mark.parametrize("loss", [0.03, 0.1])
 def test_a_lossy_link_costs_repetitions_and_no_command(tmp_path: Path, firmware: str, loss: float) -> None:
     with flight_in(tmp_path, crazyflie={"firmware": firmware}, radio={"loss": loss}) as flight:
-        _, failure = flight.record([flight.ready.commands()], climbing(flight))
+        _, failure = flight.record([flight.ready.commands()], flight.climbing(STAIRS))
     assert failure is None
     assert {motors[0] for _, motors in flight.history} == {0, 10000, 20000}
-    assert not any(flight.motors)
-
-
-def test_a_run_of_events_alone_that_is_ended_keeps_its_rows(tmp_path: Path) -> None:
-    with flight_in(tmp_path) as flight:
-        flight.hardware.at(0.8, flight.hardware.request_end)
-        run, failure = flight.record([flight.ready.commands()], climbing(flight))
-    assert failure is None
-    assert run.header.state == "interrupted"
     assert not any(flight.motors)
 
 
@@ -211,14 +190,6 @@ def test_the_log_keeps_its_period_and_counts_what_the_link_lost(tmp_path: Path, 
     assert failure is None
     assert (log.vehicle_ms.iloc[-1] - log.vehicle_ms.iloc[0]) / period_ms + 1 == len(log) + lost
     assert lost > 0
-
-
-def test_a_sagging_battery_is_seen_in_the_log(tmp_path: Path) -> None:
-    stairs = StaircasePlan(steps=(60000,), motors=(1, 2, 3, 4), hold_s=1.0, rest_s=0.2)
-    with flight_in(tmp_path, battery={"kind": "lipo"}) as flight:
-        run, _ = flight.record([flight.ready.commands(), flight.ready.usual_log()], climbing(flight, stairs))
-    log = rows(run, "crazyflie")
-    assert log[log["motor.m1"] == 0][BATTERY].iloc[0] - log[log["motor.m1"] == 60000][BATTERY].iloc[-1] > 0.2
 
 
 def test_a_second_log_over_a_link_has_its_own_values(tmp_path: Path) -> None:
@@ -242,18 +213,11 @@ def created(flight: Flight, number: int) -> int:
     return answers[-1][1][-1]
 
 
-def test_many_recordings_over_a_link_leave_no_block_and_no_handler_behind(tmp_path: Path) -> None:
+def test_many_recordings_over_a_link_leave_no_block_behind(tmp_path: Path) -> None:
     with flight_in(tmp_path) as flight:
-        handlers = flight.ready.vehicle._handlers
-
-        def counts() -> dict[tuple[int, int], int]:
-            return {place: len(handles) for place, handles in handlers.items() if handles}
-
-        before = counts()
         for _ in range(10):
-            _, failure = flight.record([flight.ready.crossings(), *flight.ready.watch()], playing(flight, sine(5, 100)))
+            _, failure = flight.record([flight.ready.crossings(), *flight.ready.watch()], flight.playing(sine(5, 100)))
             assert failure is None
-            assert counts() == before
         assert [created(flight, number) for number in range(16)] == [0] * 16  # as many as a vehicle keeps
 
 
@@ -266,41 +230,13 @@ def test_a_block_of_another_program_is_left_as_it_is(tmp_path: Path) -> None:
         assert [created(flight, number) for number in taken] == [17] * len(taken)
 
 
-@pytest.mark.parametrize("lost", [1, 2, 3, 99])
-def test_values_are_those_of_their_own_block_however_many_deletions_are_lost(tmp_path: Path, lost: int) -> None:
-    """Version 0.2 read motor 1 in place of motor 2 when one request to delete a block was lost."""
-    left = [True] * lost
-
-    def passes(packet: Packet) -> bool:
-        return not (packet[:2] == CONTROL and packet.payload[0] == LogCommand.DELETE and left and left.pop())
-
-    with flight_in(tmp_path) as flight:
-        flight.disturb(leaving=passes)
-        for names, expected in ((("acc.x",), 0.0), (("acc.z",), 1.0), (("acc.y",), 0.0)):
-            assert asked(flight.ready.vehicle, lambda vehicle: logged(vehicle, names)) == pytest.approx((expected,))  # noqa: B023
-
-
-@pytest.mark.parametrize(("after_s", "pause_s"), [(0.3, 0.0), (0.3, 4.0), (0.04, 0.0)])
-def test_a_log_that_another_program_resets_ends_a_run_whatever_came_before(
-    tmp_path: Path, after_s: float, pause_s: float
-) -> None:
-    with flight_in(tmp_path) as flight:
-        flight.record([flight.ready.usual_log()], waiting(flight, 1.0))
-        flight.go_on(pause_s)
-        flight.hardware.at(after_s, flight.send, Packet(*CONTROL, RESET_LOG))
-        began_s = flight.hardware.seconds()
-        _, failure = flight.record([flight.ready.usual_log()], waiting(flight, 20.0))
-        assert "battery is not monitored" in str(failure)
-        assert flight.hardware.seconds() - began_s < after_s + 1.5
-
-
 # Packets that are lost, repeated or changed on their way
 
 
 def test_what_arrives_three_times_is_recorded_once_and_counted(tmp_path: Path) -> None:
     with flight_in(tmp_path) as flight:
         flight.disturb(arriving=lambda packet: [packet] * 3)
-        run, failure = flight.record([flight.ready.crossings(), *flight.ready.watch()], playing(flight, sine(12)))
+        run, failure = flight.record([flight.ready.crossings(), *flight.ready.watch()], flight.playing(sine(12)))
     assert failure is None
     log, reports = rows(run, "crazyflie"), rows(run, "crossings")
     assert not log.vehicle_ms.duplicated().any()
@@ -308,15 +244,6 @@ def test_what_arrives_three_times_is_recorded_once_and_counted(tmp_path: Path) -
     assert reports.report.tolist() == list(range(26))  # the first sample, 24 crossings, and the end
     assert run.header.devices["crossings"].lost == 0
     assert facts(run, "crossings")["duplicates"] == pytest.approx(2 * len(reports), abs=2)
-
-
-def test_an_empty_packet_before_the_apps_hello_hides_no_app(tmp_path: Path) -> None:
-    with bench_in(tmp_path) as bench:
-        bench.disturb(arriving=lambda packet: [Packet(AppPorts().ping, 0, b""), packet])
-        pilot = bench.start("motors", "set", 20000, "--for", 0.3, "--yes")
-        assert pilot.end() == 0, pilot.err
-    assert "app" in pilot.err
-    assert any(any(motors) for _, motors in bench.history)
 
 
 def test_tables_are_those_that_cflib_reads_whatever_is_lost_and_are_kept(
@@ -361,35 +288,33 @@ def test_tables_are_those_that_cflib_reads_whatever_is_lost_and_are_kept(
 # Addresses that reach no vehicle
 
 
+def answer_nonsense(bench: Bench) -> None:
+    bench.disturb(arriving=lambda packet: [Packet(packet.port, packet.channel, b"\xaa" * 8)])
+
+
+def be_busy(bench: Bench) -> None:
+    bench.vehicle_suffers(busy=True)
+    bench.hardware.link(bench.uri)  # asks for an echo ten times a second
+
+
 @pytest.mark.parametrize(
-    ("faults", "word"),
-    [({"silent_after_s": 0}, "no answer"), ({"protocol": 3}, "version 3"), ({"protocol": 2}, "version 2")],
+    ("arrange", "word"),
+    [
+        (lambda bench: bench.vehicle_suffers(silent_after_s=0), "no answer"),
+        (lambda bench: bench.vehicle_suffers(protocol=3), "version 3"),
+        (answer_nonsense, "no Crazyflie"),
+        (be_busy, "no answer"),
+    ],
 )
-def test_a_vehicle_that_does_not_answer_or_is_too_old_is_told(tmp_path: Path, faults: Any, word: str) -> None:
+def test_a_vehicle_that_does_not_answer_or_is_too_old_or_none_is_told(
+    tmp_path: Path, arrange: Callable[[Bench], None], word: str
+) -> None:
     with bench_in(tmp_path) as bench:
-        bench.vehicle_suffers(**faults)
+        arrange(bench)
         pilot = bench.start("log", "ping")
         assert pilot.end() == 3
         assert word in pilot.err
-        assert bench.hardware.seconds() < 4.0
-
-
-def test_something_else_that_answers_is_no_vehicle(tmp_path: Path) -> None:
-    with bench_in(tmp_path) as bench:
-        bench.disturb(arriving=lambda packet: [Packet(packet.port, packet.channel, b"\xaa" * 8)])
-        pilot = bench.start("log", "ping")
-        assert pilot.end() == 3
-        assert "no Crazyflie" in pilot.err
-
-
-def test_a_vehicle_that_is_busy_with_another_client_is_told(tmp_path: Path) -> None:
-    with bench_in(tmp_path) as bench:
-        bench.vehicle_suffers(busy=True)
-        other = bench.hardware.link(bench.uri)  # asks for an echo ten times a second
-        pilot = bench.start("log", "ping")
-        assert pilot.end() == 3
-        assert "no answer" in pilot.err
-        other.close()
+        assert bench.hardware.seconds() < 6.0
 
 
 def test_a_link_that_loses_most_packets_is_named_as_the_cause(tmp_path: Path) -> None:

@@ -10,13 +10,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
-from cfid.records.run import read_run
 from cfid.rig.loop import Loop
 from cfid.rig.ports import StampedPort
 from tests.places import ROOT
-from tests.rig.streaming_rig import check_loadcell, served_rig, whole_rows
+from tests.rig_in_a_folder import LOADCELL_HZ
+from tests.rig_in_a_folder import lab_in as served_lab_in
 from tests.virtual_lab import lab_in
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="preloads a library, reads the kernel's stamps")
@@ -45,23 +46,21 @@ def stepping(tmp_path: Path) -> Environment:
 
 @pytest.mark.usefixtures("in_time")
 def test_a_run_during_which_the_clock_is_set_is_smooth_and_complete(tmp_path: Path, stepping: Environment) -> None:
-    command = [sys.executable, "-m", "cfid.cli.main", "log", "loadcell", "--for", str(LOGGED_S)]
-    with served_rig(tmp_path / "campaign") as rig:
+    with served_lab_in(tmp_path) as lab:
+        lab.environment.update(stepping)
         began_s = time.time()
-        process = subprocess.Popen(command, cwd=rig.campaign, env=stepping | {"PYTHONPATH": str(ROOT)})
-        files = rig.campaign / "runs"
-        while not list(files.glob("*/loadcell.csv")) and process.poll() is None:
-            time.sleep(0.02)
-        time.sleep(0.5)
+        log = lab.start("log", "loadcell", "--for", LOGGED_S, anew=True)
+        log.wait_for_rows(300)
         (tmp_path / "step").touch()
         stepped_s = time.time()
-        assert process.wait(60) == 0
+        assert log.end().code == 0
         ended_s = time.time()
-    (folder,) = files.iterdir()
-    run, rows = read_run(folder), whole_rows(folder / "loadcell.csv")
+        run = lab.run()
+    rows = pd.read_csv(run.device_file("loadcell"))
 
     assert (run.header.state, run.header.devices["loadcell"].lost) == ("complete", 0)
-    check_loadcell(rows)
+    assert np.all(np.diff(rows["rdt_sequence"]) == 1)
+    assert np.abs(np.diff(rows["t"]) - 1 / LOADCELL_HZ).max() < 1e-4
     assert began_s < rows["t"].iloc[0] < stepped_s < rows["t"].iloc[-1] < ended_s
     assert np.ptp(rows["t"]) == pytest.approx(LOGGED_S, abs=0.2)
 
