@@ -13,6 +13,7 @@ import pytest
 
 from cfid.errors import ConfigError, DeviceError, StopError
 from cfid.motors.plan import StaircasePlan
+from cfid.rig.instrument import Instrument
 from cfid.rig.motor_commands import hold
 from cfid.rig.motors import Limits
 from cfid.rig.stop import MAY_BE_RUNNING
@@ -141,6 +142,7 @@ def test_with_the_app_every_fault_of_the_vehicle_stops_the_motors(
     with flight_in(tmp_path) as flight:
         flight.hardware.at(BEGUN_S, partial(flight.vehicle_suffers, **{fault: 0}))
         began_s = flight.hardware.seconds() + BEGUN_S
+        driven: Instrument
         if is_sine:
             driven, procedure = (
                 flight.ready.crossings(),

@@ -152,7 +152,7 @@ def test_an_angle_is_a_column_in_counts_of_the_stated_turn_or_in_radians(lab: La
 @pytest.mark.parametrize("loss", [0.1, 0.4])
 def test_the_counted_loss_is_the_true_one(lab: Lab, loss: float, setting: LoadCellLines) -> None:
     """The clock, and the lines, are 3 % quicker than stated where the device sends one: the count is exact even so."""
-    gone = set(np.flatnonzero(np.random.default_rng(round(100 * loss)).random(1200) < loss))
+    gone = set(np.flatnonzero(np.random.default_rng(round(100 * loss)).random(1200) < loss).tolist())
     if setting is CELL:
         log = Log(lab, but(gone, ticking(lambda n: round(PERIOD_US * n / 1.03))), for_s=12.5, every=1 / 1.03)
     else:

@@ -16,9 +16,8 @@ import pytest
 from cfid.rig.loop import Loop
 from cfid.rig.ports import StampedPort
 from tests.places import ROOT
-from tests.rig_in_a_folder import LOADCELL_HZ
 from tests.rig_in_a_folder import lab_in as served_lab_in
-from tests.virtual_lab import lab_in
+from tests.virtual_lab import LOADCELL_HZ, lab_in
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="preloads a library, reads the kernel's stamps")
 
