@@ -198,7 +198,9 @@ WAYS: dict[str, Way] = {
     "link silent in a sine": Way(SINES, vehicle(silent_after_s=0), 3, vehicles=WITH_APP),
     "link silent in preflight": Way(PREFLIGHT, vehicle(silent_after_s=0), 3, vehicles=WITH_APP),
     "link closed in preflight": Way(PREFLIGHT, vehicle(closed_after_s=0), 3, vehicles=WITH_APP),
-    "battery low": Way(HOLD, vehicle(low_battery_after_s=0), 3, "battery", vehicles=BARE, own_delay_s=LATE),
+    "battery low": Way(
+        (*HOLD, "--for", 30), vehicle(low_battery_after_s=0), 3, "battery", vehicles=BARE, own_delay_s=LATE
+    ),
     "battery low in a sine": Way(
         SINES, vehicle(low_battery_after_s=0), 3, "battery", vehicles=WITH_APP, own_delay_s=LATE
     ),
