@@ -33,7 +33,7 @@ def test_every_row_has_a_test_that_is_there() -> None:
 
 
 def test_every_row_that_says_so_has_a_test_that_checks_the_rig() -> None:
-    asks = re.compile(r'"check"|check_(?:loadcell|lines)\(|checked\(')
+    asks = re.compile(r'"check"|check_(?:encoder|loadcell|lines)\(|checked\(')
     checks = {name for name, body in _tests().items() if asks.search(body)}
     starred = [row for row in FAULTS if row[0].endswith("*")]
     assert len(starred) > 20

@@ -286,6 +286,22 @@ def test_a_signal_ends_a_run_that_is_complete_and_stops_the_box(lab: Lab, name: 
     log.check()
 
 
+def test_a_signal_that_comes_twice_ends_a_run_once(lab: Lab) -> None:
+    log = Recording(lab, "--for", 60, at=dict.fromkeys((1.0, 1.001), lambda: lab.hardware.request_end("SIGINT")))
+
+    assert log.ended.code == 0
+    assert log.run.header.state == "complete"
+    log.check()
+
+
+def test_an_end_before_the_first_row_is_an_interruption(lab: Lab) -> None:
+    lab.loadcell_suffers(udp_blocked=True)
+    log = Recording(lab, at={0.5: lab.hardware.request_end})
+
+    assert (log.ended.code, log.ended.out) == (130, "")
+    assert log.run.header.state == "interrupted"
+
+
 def test_ctrl_c_while_the_box_is_asked_leaves_no_run(lab: Lab) -> None:
     def interrupt() -> None:
         raise KeyboardInterrupt
@@ -323,6 +339,14 @@ def test_a_box_that_is_off_is_told_by_log_and_by_check(lab: Lab) -> None:
     assert checked.out.count("no answer") == 2  # over HTTP and TCP
     assert checked.err.endswith("cfid: not ready: loadcell.\n")
     assert lab.run_folder() is None
+
+
+def test_a_slow_box_is_waited_for(lab: Lab) -> None:
+    lab.loadcell_suffers(slow_s=0.3)
+    log = Recording(lab, "--for", 0.5)
+
+    assert log.ended.code == lab.cfid("rig", "check").code == 0
+    log.check()
 
 
 @pytest.mark.parametrize(("refuses", "rate_hz", "kept"), [(True, 350, "700 Hz"), (False, 3000, "3500 Hz")])

@@ -1,4 +1,4 @@
-"""Twisted's ports are opened at the seam to the hardware, and where simulated devices and pages are served."""
+"""Twisted's ports are opened at the seam to the hardware, and where simulated devices are served."""
 
 import ast
 from pathlib import Path
@@ -8,7 +8,7 @@ import cfid
 PORTS = {"twisted.internet.serialport", "twisted.internet.udp", "twisted.internet.tcp", "twisted.internet.unix"}
 OPENING = {"listenUDP", "listenTCP", "connectTCP", "addReader", "listenUNIX", "connectUNIX", "adoptStreamPort"}
 SEAM = {"rig/hardware.py", "rig/ports.py"}
-SERVING = {"sim/link.py", "sim/netft.py"}
+SERVING = {"sim/service.py"}
 
 
 def opens_ports(source: str) -> bool:
