@@ -20,7 +20,7 @@ from cfid.rig.instrument import Instrument
 from cfid.rig.run import Plan, record_run
 from cfid.sim.devices import SimulatedRig
 from cfid.sim.e201 import E201Device, Reply
-from cfid.sim.faults import SOUND_ENCODER, SOUND_LOADCELL, EncoderFaults, FaultyE201, FaultyNetFT, LoadCellFaults
+from cfid.sim.faults import SOUND_ENCODER, SOUND_LOADCELL, EncoderFaults, FaultyNetFT, FaultySerial, LoadCellFaults
 from cfid.sim.loadcell import LoadCellTruth, SimulatedLoadCell
 from cfid.sim.netft import Address, Datagram, NetFTBox
 from cfid.sim.virtual import Virtual
@@ -61,7 +61,7 @@ class Box(FaultyNetFT):
         super().request(datagram, client, now_s)
 
 
-class Interface(FaultyE201):
+class Interface(FaultySerial):
     """An encoder's interface that counts requests; if `unstoppable`, it ignores stops."""
 
     contacts = 0
@@ -185,7 +185,7 @@ class Lab:
         path = path or list(self.hardware.ports)[1]
         if path in self.hardware.ports:
             self.hardware.ports[path].close()
-        self.hardware.plug_in(path, FaultyE201(board, SOUND_ENCODER, opened_s=self.hardware.seconds()))
+        self.hardware.plug_in(path, FaultySerial(board, SOUND_ENCODER, opened_s=self.hardware.seconds()))
         return path
 
     def unplug(self, path: str) -> None:

@@ -107,7 +107,10 @@ def record_speed(
             sender = rig.devices.tachometer
             if sender is None:
                 raise ConfigError("`tachometer` lines: rig.toml has no table [devices.tachometer] that names it.")
-            return [crazyflie.usual_log(log_ms), ready_lines("tachometer", sender, rig.hardware, held, say=say)]
+            return [
+                crazyflie.usual_log(log_ms),
+                ready_lines("tachometer", sender, rig.hardware, held, say=say, patient=False),
+            ]
         if tachometer == "typed":
             return [crazyflie.usual_log(log_ms)]
         return [crazyflie.speed_log(log_ms, deck=tachometer == "deck")]
@@ -152,7 +155,7 @@ def record_scales(
     def instrument(crazyflie: ReadyVehicle, held: ExitStack, say: Say) -> list[Instrument]:
         log = crazyflie.usual_log(log_ms)
         if sender is not None:
-            return [log, ready_lines("scales", sender, rig.hardware, held, say=say)]
+            return [log, ready_lines("scales", sender, rig.hardware, held, say=say, patient=False)]
         return [log] if port is None else [log, Scales(port, baud)]
 
     question = "grams at command {command}" if port is None and sender is None else None

@@ -130,6 +130,8 @@ class PortInstrument(Instrument):
         self._hardware = hardware
         self._silence = Silence(hardware, period_s=period_s)
         self._gone_s: float | None = None
+        self._refused = ""  # why the port was not opened again when it was last tried
+        self._away_s = 0.0  # without data before the port was opened again, since the last data
         self._searching: Deferred[None] | None = None
         self._stopped = False
         self._port = self._open()
@@ -144,7 +146,7 @@ class PortInstrument(Instrument):
 
     async def _reopen(self) -> SerialPort:
         """Open the port again, perhaps another one, after its lock has moved there. Raises DeviceError."""
-        raise NotImplementedError
+        return self._open()
 
     def _go_on(self) -> None:
         """Continue on the port that is back."""
@@ -169,9 +171,11 @@ class PortInstrument(Instrument):
             await self._hardware.sleep(0.5)
             try:
                 self._port = await self._reopen()
-            except DeviceError:
+            except DeviceError as error:
+                self._refused = str(error)
                 continue
             gone_s, self._gone_s = self._hardware.seconds() - self._gone_s, None
+            self._away_s += self._silence.seconds
             self._say(f"{self._where}: the {self.name} is back after {gone_s:.1f} s")
             self._silence.end("unplugged" if self.begun else "")
             self._go_on()
@@ -191,7 +195,7 @@ class PortInstrument(Instrument):
         if self._gone_s is not None and self._patient:
             raise DeviceError(
                 f"{self._where}: unplugged {self._hardware.seconds() - self._gone_s:.0f} s before the end, and not "
-                "plugged in again."
+                f"back. {self._refused}".rstrip()
             )
 
     def close(self) -> None:

@@ -98,7 +98,8 @@ class TextLines(PortInstrument):
         return self._hardware.serial(self._where, self, baud=self._setting.baud)
 
     async def _reopen(self) -> SerialPort:
-        self._lock.move(self._where)  # a link may lead to another port now
+        if self._hardware.has_port(self._where):
+            self._lock.move(self._where)  # a link may lead to another port now
         return self._open()
 
     def _go_on(self) -> None:
@@ -109,7 +110,7 @@ class TextLines(PortInstrument):
         readings, now_s = self._reader.feed(data), self._hardware.seconds()
         if not readings:
             return
-        was_gap = self._silence.end("no line came" if self.begun else "")
+        was_gap, self._away_s = self._silence.end("no line came" if self.begun else ""), 0.0
         if was_gap and self.begun and self._stamp_place is None:
             readings = readings[-1:]  # nothing shows when those were sent that waited in the system
         for numbers in readings:
@@ -137,8 +138,8 @@ class TextLines(PortInstrument):
     async def stop(self) -> None:
         """Expect no further line. Raises DeviceError when the device was gone."""
         await super().stop()
-        silent_s = self._silence.seconds
-        if self._end_silence():
+        silent_s = self._silence.seconds + self._away_s
+        if self._end_silence() or self._away_s:
             self._sent += silent_s * self._setting.rate_hz
         for sentence in self._findings():
             self._say(sentence)
@@ -247,10 +248,11 @@ class TextLines(PortInstrument):
             )
         if self._gone_s is not None:
             if not self._patient:
-                raise DeviceError(f"{self._where}: the {self.name} was unplugged while motors run.")
+                raise DeviceError(f"{self._where}: the plug of the {self.name} was pulled while motors run.")
             return
-        # A board that restarts when its port is opened takes two seconds; while motors run, they are stopped at once.
-        if not self._silence.exceeds(5.0 if self._patient or not self.begun else 0.4):
+        # A board that restarts when its port is opened takes two seconds; scales that settle send nothing meanwhile.
+        is_slow = self._patient or self.eventful or not self.begun
+        if not self._silence.exceeds(5.0 if is_slow else 0.4):  # while motors run, a load cell's silence stops them
             return
         unread = ""
         if self._reader.rejected:

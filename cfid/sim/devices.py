@@ -19,8 +19,8 @@ from cfid.sim.faults import (
     SOUND_LOADCELL,
     CrazyflieFaults,
     EncoderFaults,
-    FaultyE201,
     FaultyNetFT,
+    FaultySerial,
     LoadCellFaults,
     SerialDevice,
 )
@@ -96,7 +96,7 @@ class SimulatedRig:
         motor_rng, cell_rng, fault_rng, radio_rng, imu_rng = streams
         self.axis, hangs = _axis(rig, truth, hung, axis, weight_g, rng=plant_rng)
         self._opened_s = opened_s = seconds()  # after the integration, which takes some time
-        self.encoder = FaultyE201(self._encoder(rig), encoder_faults, opened_s=opened_s)
+        self.encoder = FaultySerial(self._encoder(rig), encoder_faults, opened_s=opened_s)
         cell = SimulatedLoadCell(truth.loadcell, cell_rng)
         box = NetFTBox(load_cell=cell, plant=self._wrench_at, powered_s=opened_s)
         self.loadcell = FaultyNetFT(box, loadcell_faults, opened_s=opened_s, rng=fault_rng)
@@ -129,10 +129,10 @@ class SimulatedRig:
             ping_port=app_ports.ping,
             opened_s=opened_s,
         )
-        self.loadcell_lines: FaultyE201 | None = None  # a load cell that sends lines, where rig.toml has one
+        self.loadcell_lines: FaultySerial | None = None  # a load cell that sends lines, where rig.toml has one
         if isinstance(setting := rig.devices.loadcell, LoadCellLines):
             sender = LineSender(setting, partial(self._load_at, cell, 1 / setting.rate_hz), powered_s=opened_s)
-            self.loadcell_lines = FaultyE201(sender, _of_lines(loadcell_faults), opened_s=opened_s)
+            self.loadcell_lines = FaultySerial(sender, _of_lines(loadcell_faults), opened_s=opened_s)
 
     def _encoder(self, rig: Rig) -> SerialDevice:
         if not isinstance(setting := rig.devices.encoder, EncoderLines):

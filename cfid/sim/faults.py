@@ -216,7 +216,7 @@ class SerialDevice(Protocol):
         """Return what the device sends unprompted up to now."""
 
 
-class FaultyE201(Faulty[EncoderFaults]):
+class FaultySerial(Faulty[EncoderFaults]):
     """The interface, or another device at a serial port, with its faults."""
 
     def __init__(self, device: SerialDevice, faults: EncoderFaults, *, opened_s: float) -> None:

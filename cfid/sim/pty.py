@@ -14,7 +14,7 @@ from twisted.internet.base import DelayedCall
 from twisted.internet.posixbase import PosixReactorBase
 
 from cfid.sim.e201 import Reply
-from cfid.sim.faults import FaultyE201
+from cfid.sim.faults import FaultySerial
 
 _CONTINUOUS_EVERY_S = 1e-3
 _LONGEST_READ = 4096
@@ -27,7 +27,7 @@ class DevicePort(ABC):
     Each reply is sent after its delay, and after all earlier replies, since a serial line keeps its order.
     """
 
-    def __init__(self, device: FaultyE201, *, clock: Any) -> None:
+    def __init__(self, device: FaultySerial, *, clock: Any) -> None:
         """Open nothing yet; `clock` is the reactor, or a virtual clock."""
         self._device, self._clock = device, clock
         self._replies: deque[tuple[float, bytes]] = deque()
@@ -101,7 +101,7 @@ class DevicePort(ABC):
 class PtyPort(DevicePort):
     """A device on a terminal behind the symlink `name` in a folder, so that its path survives a pulled plug."""
 
-    def __init__(self, device: FaultyE201, *, reactor: PosixReactorBase, folder: Path, name: str = "encoder") -> None:
+    def __init__(self, device: FaultySerial, *, reactor: PosixReactorBase, folder: Path, name: str = "encoder") -> None:
         """Open nothing yet."""
         super().__init__(device, clock=reactor)
         self._reactor = reactor

@@ -28,7 +28,7 @@ from cfid.rig.link import Arrived, Link, QueuedPacket
 from cfid.rig.loadcell import RECEIVE_BUFFER_BYTES
 from cfid.rig.loop import Ending
 from cfid.sim.devices import SimulatedRig
-from cfid.sim.faults import FaultyE201
+from cfid.sim.faults import FaultySerial
 from cfid.sim.pty import DevicePort
 from cfid.sim.service import SENDING_EVERY_S, Addresses, devices_at
 from cfid.wire.crtp import ECHO_CHANNEL, ECHO_PORT, Packet, decode_packet, encode_echo, encode_packet
@@ -125,7 +125,7 @@ class Virtual(Hardware):
         """Do something `seconds` from now: request an end, pull a plug, press a key."""
         self.time.callLater(seconds, call, *arguments)
 
-    def plug_in(self, path: str, device: FaultyE201, *, product: str = "") -> None:
+    def plug_in(self, path: str, device: FaultySerial, *, product: str = "") -> None:
         """Plug another device in, which has a name on USB; one whose path names a hidraw device is opened as such."""
         self._products[path] = product
         self.ports[path] = _VirtualPort(device, self.time)

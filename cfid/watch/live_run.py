@@ -14,7 +14,7 @@ from cfid.errors import DataError
 from cfid.recordings.vehicle import SUPERVISOR, VEHICLE_LOG
 from cfid.recordings.wrench import AXES, LOADCELL
 from cfid.records.files import RUN_FILE
-from cfid.records.progress import Counts, RunProgress, read_progress
+from cfid.records.progress import PROGRESS_FILE, Counts, RunProgress, read_progress
 from cfid.records.run import RECORDER_FILE, DeviceRecord, RunHeader, is_written, number_of, read_run
 from cfid.rig.vehicle import BATTERY
 from cfid.watch.signals import Trace, signals_of
@@ -25,7 +25,7 @@ Array = npt.NDArray[np.float64]
 
 CHUNK_BYTES = 1 << 20  # 14 000 rows of a load cell: two seconds at 7 kHz, parsed within about 20 ms
 
-_QUIET_S = 2.0  # without a row of any device, after which a run is silent
+_QUIET_S = 3.0  # without progress, which a recorder writes every second
 _READ_S = 0.1  # of the time from one picture to the next, while the page catches up with a long file
 _LOOK_S = 0.5  # from one spectrum, and one look for a newer run, to the next
 
@@ -77,7 +77,6 @@ class LiveRun:
         self.folder = folder
         self.header: RunHeader = read_run(folder).header
         self.zero_s: float | None = None  # Unix time at the zero of the picture
-        self.caught_up = False  # with the rows on the disk
         self.devices = {
             name: DeviceRows(
                 path=folder / record.file,
@@ -115,13 +114,17 @@ class LiveRun:
 
     @property
     def quiet_s(self) -> float:
-        """How long ago the newest row was taken, by this computer's clock."""
-        return max(time.time() - (self.zero_s or self.header.started.timestamp()) - self.now_s, 0.0)
+        """How long ago the recorder wrote its progress, by this computer's clock."""
+        try:
+            written_s = (self.folder / PROGRESS_FILE).stat().st_mtime
+        except OSError:
+            written_s = self.header.started.timestamp()
+        return max(time.time() - written_s, 0.0)
 
     @property
     def silent(self) -> bool:
-        """Whether a run that was not closed has had no row for some seconds, by this computer's clock."""
-        return self.recording and self.caught_up and self.quiet_s > _QUIET_S
+        """Whether a run that was not closed has had no progress for some seconds: its recorder hangs, or is gone."""
+        return self.recording and self.quiet_s > _QUIET_S
 
     @property
     def vehicle_state(self) -> VehicleState | None:
@@ -161,8 +164,8 @@ class LiveRun:
 
     def read(self, within_s: float) -> None:
         """Read the rows that were added to the files, for at most about `within_s`."""
-        end_s, self.caught_up = time.monotonic() + within_s, False
-        while not self.caught_up and time.monotonic() < end_s:
+        end_s, caught_up = time.monotonic() + within_s, False
+        while not caught_up and time.monotonic() < end_s:
             before = self.rows
             for device in self.devices.values():
                 rows = device.read()
@@ -172,7 +175,7 @@ class LiveRun:
                     self.zero_s = float(rows[0, 0])
                 for signal in device.signals:
                     signal.extremes.add(rows[:, 0] - self.zero_s, signal.convert(rows))
-            self.caught_up = self.rows == before
+            caught_up = self.rows == before
 
 
 class ShownRun:

@@ -1,5 +1,6 @@
 """The page around the plots: facts and a stop, and no inline script, so that its policy can forbid all of them."""
 
+import time
 from collections.abc import Iterator, Sequence
 from html import escape
 
@@ -123,13 +124,15 @@ def _of_run(run: LiveRun, left_s: float | None, live: bool) -> Iterator[tuple[st
     if header.label.note:
         yield "note", header.label.note, False
     recording = "recording, but" if run.recording_now else "cut,"
-    state = f"{recording} no row for {run.quiet_s:.0f} s" if run.silent else header.state
+    state = f"{recording} no progress for {run.quiet_s:.0f} s" if run.silent else header.state
     yield "state", ": ".join(filter(None, [state, header.reason])), run.silent or header.state == "failed"
     if header.verdict is not None and header.state != "failed":  # a failed run's verdict is its reason, shown above
         usable = header.verdict.usable
         yield "verdict", header.verdict.text if usable else f"not usable: {header.verdict.text}", not usable
     left = "" if left_s is None or not live else f", {clock(left_s)} min left"
-    yield "time", f"{clock(run.now_s)} min{left}", False
+    if live or run.rows:
+        elapsed_s = time.time() - header.started.timestamp() if live else run.now_s
+        yield "time", f"{clock(elapsed_s)} min{left}", False
     if (volts := run.battery_v) is not None:
         yield "battery", f"{volts:.2f} V", volts < _LOW_V
     if (vehicle := run.vehicle_state) is not None:

@@ -20,7 +20,7 @@ from cfid.rig.encoder import find_encoder, ports_to_ask, ready_encoder, word_bit
 from cfid.rig.hardware import Real
 from cfid.rig.lock import DeviceLock
 from cfid.sim.e201 import E201Device, Reply
-from cfid.sim.faults import EncoderFaults, FaultyE201
+from cfid.sim.faults import EncoderFaults, FaultySerial
 from cfid.wire.e201 import CONTINUOUS, POWER_OFF, PRODUCT, VERSION
 from cfid.wire.rls import RLS_13BIT_IN_22, STEPS_PER_TURN, decode_words
 from tests.virtual_lab import UNIX_S, Lab, Logged, held_elsewhere, lab_in, recorded
@@ -389,7 +389,7 @@ def plug_in(lab: Lab, paths: list[str], faults: EncoderFaults, product: str = PR
     """Plug further devices in, beside the one that is there; return them."""
     devices = [E201Device(lambda time_s: 0.0) for _ in paths]
     for path, device in zip(paths, devices, strict=True):
-        lab.hardware.plug_in(path, FaultyE201(device, faults, opened_s=0.0), product=product)
+        lab.hardware.plug_in(path, FaultySerial(device, faults, opened_s=0.0), product=product)
     return devices
 
 

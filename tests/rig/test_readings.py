@@ -13,7 +13,7 @@ import pytest
 from cfid.recordings.vehicle import read_rows
 from cfid.records.files import RIG_FILE
 from cfid.records.run import Run, list_runs, read_run
-from cfid.sim.faults import SOUND_ENCODER, FaultyE201
+from cfid.sim.faults import SOUND_ENCODER, FaultySerial
 from cfid.sim.propulsion import Four
 from tests.virtual_bench import Bench, Pilot, bench_in
 from tests.virtual_lab import Board
@@ -266,7 +266,7 @@ def serve(bench: Bench, name: str, line: Callable[[Four], str]) -> str:
     """Plug in a device that sends twenty lines a second, which depend on the motors' commands; return its port."""
     board = Board(lambda n: f"{line(bench.motors)}\r\n".encode(), rate_hz=20)
     path = f"/virtual/{name}-{bench.uri[6:]}"
-    bench.hardware.plug_in(path, FaultyE201(board, SOUND_ENCODER, opened_s=bench.hardware.seconds()))
+    bench.hardware.plug_in(path, FaultySerial(board, SOUND_ENCODER, opened_s=bench.hardware.seconds()))
     return path
 
 
@@ -306,6 +306,21 @@ def test_speeds_that_the_fit_rejects_are_of_no_use_at_once(bench: Bench, share: 
     assert pilot.end() == 0, pilot.err
     assert not is_usable(bench.run())
     assert bench.start("fit", "speed", bench.run().folder, "--no-figures").end() == 5
+
+
+@pytest.mark.parametrize(("name", "value", "command"), [("tachometer", "rpm", "speed"), ("scales", "grams", "scales")])
+def test_a_plug_that_is_pulled_while_motors_run_stops_them_and_fails_the_run(
+    bench: Bench, name: str, value: str, command: str
+) -> None:
+    state(bench, name, value, lambda motors: f"{rpm(motors):.1f}", "markers = 1" if command == "speed" else "")
+    tachometer = ("--tachometer", "lines") if command == "speed" else ()
+    pilot = bench.start("log", command, *tachometer, *STAIRCASE)
+    pilot.wait_until_motors_run(0.5)
+    pulled_s = bench.hardware.seconds()
+    bench.hardware.ports[f"/virtual/{name}-{bench.uri[6:]}"].unplug()
+    assert pilot.end() == 3
+    assert bench.run().header.state == "failed"
+    assert bench.stopped_after(pulled_s) < 0.7
 
 
 def test_no_motor_starts_before_a_line_of_the_tachometer_matches(bench: Bench) -> None:

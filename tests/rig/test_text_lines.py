@@ -356,6 +356,42 @@ def test_a_plug_that_comes_back_is_a_gap_and_one_that_stays_away_fails_the_run(l
     assert len(away.rows) == pytest.approx(80, abs=2)
 
 
+@pytest.mark.parametrize(("for_s", "lost"), [(8.0, 560), (3.55, 204)])
+def test_a_device_that_is_back_and_sends_nothing_has_lost_all_lines_since_its_plug_was_pulled(
+    lab: Lab, for_s: float, lost: int
+) -> None:
+    sent = but(range(80, 9999), line)
+    log = Log(lab, sent, for_s=for_s, at={1.0: pull(lab), 3.0: put_back(lab)})
+
+    assert len(log.rows) == pytest.approx(80, abs=2)
+    assert log.lost == pytest.approx(lost, abs=3)
+
+
+def test_the_lock_of_a_port_named_by_a_link_stays_while_the_plug_is_pulled(lab: Lab, tmp_path: Path) -> None:
+    port, link = f"{lab.port}-board", tmp_path / "by-id"
+    link.symlink_to(port)
+    refusals = list[str]()
+
+    def pull_link() -> None:
+        lab.unplug(port)
+        link.unlink()
+
+    def take() -> None:
+        with pytest.raises(DeviceError) as error:
+            DeviceLock(port)
+        refusals.append(str(error.value))
+
+    with plugged(lab, line, CELL), ExitStack() as held:
+        lab.hardware.ports[str(link)] = lab.hardware.ports[port]
+        setting = CELL.model_copy(update={"port": str(link)})
+        cell = ready_lines("loadcell", setting, lab.hardware, held, say=print)
+        lab.hardware.at(1.0, pull_link)
+        lab.hardware.at(2.5, take)
+        recorded(lab.hardware, lab.folder, cell, for_s=3.0)
+
+    assert "is held by" in refusals[0]
+
+
 # Ports and settings
 
 

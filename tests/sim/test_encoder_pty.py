@@ -10,7 +10,7 @@ import serial
 from twisted.internet.posixbase import PosixReactorBase
 
 from cfid.sim.e201 import E201Device
-from cfid.sim.faults import SOUND_ENCODER, EncoderFaults, FaultyE201
+from cfid.sim.faults import SOUND_ENCODER, EncoderFaults, FaultySerial
 from cfid.sim.pty import PtyPort
 from cfid.sim.virtual import VirtualClock, _VirtualPort
 from cfid.wire.e201 import names_e201, set_word_width
@@ -28,7 +28,7 @@ class _Plugged:
         self._port: PtyPort | None = None
 
     def open(self, faults: EncoderFaults = SOUND_ENCODER) -> str:
-        device = FaultyE201(E201Device(lambda _: 1.0), faults, opened_s=self._reactor.seconds())
+        device = FaultySerial(E201Device(lambda _: 1.0), faults, opened_s=self._reactor.seconds())
         self._port = PtyPort(device, reactor=self._reactor, folder=self._folder)
         return str(self._in_reactor(self._port.open))
 
@@ -110,7 +110,7 @@ class Heard(list[bytes]):
 
 def test_a_reply_does_not_overtake_the_one_before_it() -> None:
     clock, heard = VirtualClock(), Heard()
-    device = FaultyE201(E201Device(lambda _: 1.0), EncoderFaults(slow_s=0.2), opened_s=0.0)
+    device = FaultySerial(E201Device(lambda _: 1.0), EncoderFaults(slow_s=0.2), opened_s=0.0)
     port = _VirtualPort(device, clock)
     port.receiver = heard
 

@@ -17,8 +17,8 @@ from cfid.sim.faults import (
     SOUND_LOADCELL,
     CrazyflieFaults,
     EncoderFaults,
-    FaultyE201,
     FaultyNetFT,
+    FaultySerial,
     LoadCellFaults,
     parse_faults,
 )
@@ -111,8 +111,8 @@ def test_a_status_and_a_saturation_come_when_they_should() -> None:
     assert overloaded["counts"][-1, 2] == 60_000_000
 
 
-def _replies(faults: EncoderFaults, *, at_s: float = 0.0, questions: int = 12) -> tuple[list[bytes], FaultyE201]:
-    faulty = FaultyE201(E201Device(lambda _: 1.0), faults, opened_s=0.0)
+def _replies(faults: EncoderFaults, *, at_s: float = 0.0, questions: int = 12) -> tuple[list[bytes], FaultySerial]:
+    faulty = FaultySerial(E201Device(lambda _: 1.0), faults, opened_s=0.0)
     return [reply for _ in range(questions) for _, reply in faulty.received(b"?", at_s)], faulty
 
 
@@ -127,7 +127,7 @@ def test_garbled_replies_lose_bytes_or_their_end_or_begin_with_junk() -> None:
 
 
 def test_a_split_reply_is_whole_when_put_together() -> None:
-    faulty = FaultyE201(E201Device(lambda _: 1.0), EncoderFaults(split=True, slow_s=0.1), opened_s=0.0)
+    faulty = FaultySerial(E201Device(lambda _: 1.0), EncoderFaults(split=True, slow_s=0.1), opened_s=0.0)
     (first_s, first), (second_s, second) = faulty.received(b"?", 0.0)
     assert 0.1 == first_s < second_s
     assert first + second == _replies(SOUND_ENCODER)[0][0]

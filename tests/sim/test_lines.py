@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cfid.records.rig_file import EncoderLines, LineDevice, LineValue, LoadCellLines
-from cfid.sim.faults import EncoderFaults, FaultyE201
+from cfid.sim.faults import EncoderFaults, FaultySerial
 from cfid.sim.lines import LineSender
 
 CELL = LoadCellLines(
@@ -31,7 +31,7 @@ def read(device: LineDevice, lines: bytes) -> np.ndarray[tuple[int, int], np.dty
 
 def sent(device: LineDevice, name: str, *, until_s: float, faults: EncoderFaults | None = None) -> bytes:
     sender = LineSender(device, lambda time_s: {name: 0.001 * math.sin(time_s)}, powered_s=10.0)
-    port = FaultyE201(sender, faults or EncoderFaults(), opened_s=10.0)
+    port = FaultySerial(sender, faults or EncoderFaults(), opened_s=10.0)
     times = np.arange(10.0, 10.0 + until_s, 0.1)
     return b"".join(line for time_s in times for _, line in port.due(float(time_s)))
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cfid.records.progress import Counts, RunProgress
+from cfid.records.progress import PROGRESS_FILE, Counts, RunProgress
 from cfid.records.run import DeviceRecord, Label
 from cfid.records.run_writer import RunWriter, create_run
 from cfid.watch.live_run import CHUNK_BYTES, DeviceRows, LiveRun, newest_run
@@ -132,6 +132,7 @@ def test_a_recorder_that_hangs_is_told_from_one_that_is_gone(recording: Recordin
     writer.append("supervisor", (time.time() - 60 + np.array([0.0, 10.0]), np.array([Bits.FLYING] * 2)))
     writer.sync(RunProgress(left_s=9.0, devices={"supervisor": Counts(rows=2, lost=0, rate_hz=100.0)}))
     os.utime(writer.folder / "supervisor.csv", (0, 0))
+    os.utime(writer.folder / PROGRESS_FILE, (0, time.time() - 50))
     hangs, gone = read(writer.folder), read(shutil.copytree(writer.folder, tmp_path / "copied"))
 
     assert [(run.silent, run.recording_now) for run in (hangs, gone)] == [(True, True), (True, False)]
