@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.motors.lag.between_rows import mixed_share, mixed_share_of_thrust
+from cfid.motors.lag.between_rows import mixed_share
 from cfid.motors.lag.model import Signal
 from cfid.records.result import Result
 from tests.motors.rotor_logs import RISING_S, RPM, fit_of, following, off
@@ -85,16 +85,6 @@ def test_commands_that_change_in_all_rows_and_between_them_leave_the_lag_within_
     assert {"dynamics.rising", "dynamics.falling", "dynamics.delay_s"} == set(found.quantities)
     assert "nearer to each other by" in found.sentence
     assert "taken as straight in between" in found.sentence
-
-
-def test_the_thrust_of_four_rotors_states_that_its_time_constants_lie_nearer_to_each_other() -> None:
-    """Some rotors rise while others fall: in a flight, lags came out nearer by a fifth; a twentieth was stated."""
-    time_s = np.arange(0, 20, 0.01)
-    quick, steady = (
-        Signal(time_s, 0.5 + size * np.random.default_rng(1).normal(size=2000).cumsum()) for size in (1e-3, 0)
-    )
-    assert 0.2 < mixed_share_of_thrust([quick] * 4) < 0.3
-    assert mixed_share_of_thrust([steady] * 4) == 0
 
 
 def test_commands_that_alternate_from_row_to_row_have_a_finite_share() -> None:

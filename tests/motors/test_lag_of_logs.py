@@ -1,4 +1,4 @@
-"""A log of the uSD-card deck gives the lag of its rotors, from speeds or acceleration, or states why it cannot."""
+"""A log of the uSD-card deck gives the lag of its rotors, or states why it cannot."""
 
 import json
 import math
@@ -22,7 +22,6 @@ from tests.campaigns import Cfid
 from tests.logs.usd_bytes import Event, bytes_of, written
 from tests.motors.rotor_logs import following
 from tests.motors.test_lag_coverage import DELAY_S, FALLING_S, RATE_HZ, RISING_S, flown
-from tests.places import DATA
 
 Array = npt.NDArray[np.float64]
 
@@ -59,7 +58,7 @@ def seconds(result: Result, key: str) -> float:
 @pytest.fixture(scope="module")
 def four(tmp_path_factory: pytest.TempPathFactory) -> RotorLog:
     """Two rotors that follow their commands, one whose sensor drops out, and one that shows only noise."""
-    _, command, speed = flown(4, 7, rotors=1, noise=3.0, red=0.0)
+    _, command, speed = flown(4, 7, noise=3.0, red=0.0)
     speed[2, ::50] = 0
     speed[3] = 1800 + 200 * np.random.default_rng(2).standard_normal(speed.shape[1])
     columns = [*(65535 * command[:, 0]), *(NEXT * speed)]
@@ -107,7 +106,7 @@ def test_a_voltage_that_is_logged_in_few_rows_is_used(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("bad", [math.nan, 0.0])
 def test_a_few_voltages_and_speeds_that_are_missing_are_left_out_and_named(tmp_path: Path, bad: float) -> None:
-    _, command, speed = flown(1, 7, rotors=1, noise=3.0, red=0.0)
+    _, command, speed = flown(1, 7, noise=3.0, red=0.0)
     rows = speed.shape[1]
     volts, rpm = np.full(rows, 3.9), NEXT * speed[0]
     volts[100:200], rpm[500:700] = bad, math.nan
@@ -134,7 +133,7 @@ def test_a_few_voltages_and_speeds_that_are_missing_are_left_out_and_named(tmp_p
     ],
 )
 def test_one_command_or_speed_that_cannot_be_is_left_out_and_named(tmp_path: Path, place: int, value: float) -> None:
-    _, command, speed = flown(1, 7, rotors=1, noise=3.0, red=0.0)
+    _, command, speed = flown(1, 7, noise=3.0, red=0.0)
     columns = np.array([65535 * command[0, 0], NEXT * speed[0]])
     columns[place, columns.shape[1] // 2] = value
     path = tmp_path / "log.csv"
@@ -162,7 +161,7 @@ def test_one_command_or_speed_that_cannot_be_is_left_out_and_named(tmp_path: Pat
 def test_a_voltage_that_the_others_refute_is_left_out_and_named(
     tmp_path: Path, wrong: float, begin: int, count: int
 ) -> None:
-    rng, (_, command, speed) = np.random.default_rng(3), flown(1, 7, rotors=1, noise=3.0, red=0.0)
+    rng, (_, command, speed) = np.random.default_rng(3), flown(1, 7, noise=3.0, red=0.0)
     sag = 0.2 * np.convolve(command[0, 0], np.ones(5) / 5, mode="same")
     volts = 4.1 - sag + rng.normal(0, 0.004, len(sag))
     commands = np.round(65535 * command[0, 0] * 3.6 / (4.1 - sag))  # compensated: the speed does not sag
@@ -182,7 +181,7 @@ def test_a_voltage_that_the_others_refute_is_left_out_and_named(
 
 
 def test_a_rotor_whose_controller_holds_its_speed_condemns_no_other_that_goes_with_the_voltage(tmp_path: Path) -> None:
-    rng, (_, command, speed) = np.random.default_rng(3), flown(2, 7, rotors=1, noise=3.0, red=0.0)
+    rng, (_, command, speed) = np.random.default_rng(3), flown(2, 7, noise=3.0, red=0.0)
     sag = 0.3 * np.convolve(command[0, 0], np.ones(5) / 5, mode="same")
     volts = 4.1 - sag + rng.normal(0, 0.004, len(sag))
     commands = 65535 * command[:, 0] * np.array([3.6 / (4.1 - sag), np.ones(len(sag))])
@@ -213,7 +212,7 @@ def about(result: Result, rotor: int) -> dict[str, str]:
 @pytest.fixture(scope="module")
 def two(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Array, Array]:
     """Commands (2, n) and speeds in rpm (2, n) of two rotors, and a folder for their logs."""
-    _, command, speed = flown(2, 11, rotors=1, noise=3.0, red=0.0)
+    _, command, speed = flown(2, 11, noise=3.0, red=0.0)
     return tmp_path_factory.mktemp("two"), 65535 * command[:, 0], NEXT * speed
 
 
@@ -310,7 +309,7 @@ def test_a_record_that_is_too_short_or_shows_nothing_is_an_error(tmp_path: Path,
     with pytest.raises(ConfigError, match="no rows between"):
         four.between(100, 200)
     bare = read(logged(tmp_path, MOTORS[:1], np.full(500, 30000)))
-    with pytest.raises(DataError, match="nothing follows the commands"):
+    with pytest.raises(DataError, match="use `cfid fit flight`"):
         fit(bare)
 
 
@@ -326,13 +325,13 @@ def test_commands_that_were_recorded_too_slowly_are_named(tmp_path: Path, step_s
 
 
 def test_parts_of_a_long_log_join_to_the_fit_of_the_whole() -> None:
-    time_s, command, speed = flown(1, 21, rotors=1, noise=5.0, red=15.0)
+    time_s, command, speed = flown(1, 21, noise=5.0, red=15.0)
     speed[0, 1800:] += 30  # the map drifts
 
     def fitted(first: int, last: int) -> LagFit:
         part = slice(first, last)
         drive, measured = Signal(time_s[part], command[0, 0, part]), Signal(time_s[part], speed[0, part])
-        return fit_lag([LogSegment((drive,), measured)], kind="speed")
+        return fit_lag([LogSegment(drive, measured)])
 
     parts, whole = [fitted(0, 900), fitted(800, 1700), fitted(1700, 2500)], fitted(0, 1700)
     same, drifted = joined(parts[:2]), joined(parts)
@@ -349,7 +348,6 @@ def test_parts_that_differ_by_more_than_their_uncertainties_widen_their_mean() -
     mean = np.array([100.0, 2000.0, 300.0, 0.05, 0.07, 0.01])
     parts = [
         LagFit(
-            kind="speed",
             lag=InputLag(*values[3:].tolist()),
             covariance=np.diag(std**2),
             map=(float(values[0]), float(values[1]), float(values[2])),
@@ -371,9 +369,9 @@ def test_parts_that_differ_by_more_than_their_uncertainties_widen_their_mean() -
 
 
 def test_a_command_that_changes_between_rows_widens_the_delay_and_is_refused_from_half_a_time_constant() -> None:
-    time_s, command, speed = flown(1, 5, rotors=1, noise=5.0, red=0.0)
-    segment = LogSegment((Signal(time_s, command[0, 0]),), Signal(time_s, speed[0]))
-    seen, between, slow = (fit_lag([segment], kind="speed", row_s=each, moving=True) for each in (0.0, 0.02, 0.04))
+    time_s, command, speed = flown(1, 5, noise=5.0, red=0.0)
+    segment = LogSegment(Signal(time_s, command[0, 0]), Signal(time_s, speed[0]))
+    seen, between, slow = (fit_lag([segment], row_s=each, moving=True) for each in (0.0, 0.02, 0.04))
     added_s = np.sqrt(between.std_s.delay_s**2 - seen.std_s.delay_s**2)
 
     early_s = np.linspace(0, 0.02, 10_001)  # uniform within the interval, and one-sided: its mean is known
@@ -410,7 +408,7 @@ def test_commands_that_change_between_rows_leave_the_delay_within_its_uncertaint
 
 def test_rotors_of_one_log_share_how_late_rows_show_a_command(tmp_path: Path) -> None:
     """All rotors share the error of late rows, so the mean of four rotors is no better known than one rotor."""
-    time_s, command, speed = flown(1, 5, rotors=1, noise=5.0, red=0.0)
+    time_s, command, speed = flown(1, 5, noise=5.0, red=0.0)
     columns = {f"motor.m{motor}": (65535 * command[0, 0]).astype(int) for motor in (1, 2, 3, 4)}
     columns |= {f"rpm.m{motor}": NEXT * speed[0] for motor in (1, 2, 3, 4)}
     pd.DataFrame({"t_ms": (1000 * time_s).astype(int), **columns}).to_csv(tmp_path / "log.csv", index=False)
@@ -419,7 +417,7 @@ def test_rotors_of_one_log_share_how_late_rows_show_a_command(tmp_path: Path) ->
 
 
 def test_voltage_belongs_to_the_drive(tmp_path: Path) -> None:
-    time_s, command, speed = flown(1, 9, rotors=1, noise=3.0, red=0.0)
+    time_s, command, speed = flown(1, 9, noise=3.0, red=0.0)
     volts = 4.0 - 0.5 * time_s / time_s[-1]
     commands = np.round(65535 * command[0, 0] * 3.5 / volts)  # compensated: the speed does not sag
     result = fit(read(logged(tmp_path, (MOTORS[0], SPEEDS[0], "pm.vbat(f)"), commands, NEXT * speed[0], volts)))
@@ -436,7 +434,7 @@ def test_voltage_belongs_to_the_drive(tmp_path: Path) -> None:
 
 
 def test_a_speed_in_proportion_to_the_voltage_is_not_said_to_change_at_the_same_voltage(tmp_path: Path) -> None:
-    _, command, speed = flown(1, 9, rotors=1, noise=3.0, red=0.0, sag=0.1)  # sag of the whole speed, with its offset
+    _, command, speed = flown(1, 9, noise=3.0, red=0.0, sag=0.1)  # sag of the whole speed, with its offset
     volts = np.linspace(4.1, 3.69, speed.shape[1])
     columns = (65535 * command[0, 0], NEXT * speed[0], volts)
     result = fit(read(logged(tmp_path, (MOTORS[0], SPEEDS[0], "pm.vbat(f)"), *columns)))
@@ -447,7 +445,7 @@ def test_a_speed_in_proportion_to_the_voltage_is_not_said_to_change_at_the_same_
 
 
 def test_a_battery_that_sags_unlogged_is_named_and_the_map_holds_in_the_middle(tmp_path: Path) -> None:
-    _, command, speed = flown(1, 9, rotors=1, noise=3.0, red=0.0, sag=0.1)
+    _, command, speed = flown(1, 9, noise=3.0, red=0.0, sag=0.1)
     result = fit(read(logged(tmp_path, (MOTORS[0], SPEEDS[0]), 65535 * command[0, 0], NEXT * speed[0])))
     (drifts,) = (one.text for one in result.findings if one.code == "lag-map-drifts")
     at = np.array([25000.0, 40000.0, 55000.0])
@@ -481,7 +479,7 @@ def test_the_speed_map_that_was_fitted_with_the_lag_is_the_mean_of_the_rotors_wi
 
 
 def test_a_speed_map_that_falls_is_rejected_and_the_lag_is_not(tmp_path: Path) -> None:
-    _, command, speed = flown(1, 9, rotors=1, noise=3.0, red=0.0)
+    _, command, speed = flown(1, 9, noise=3.0, red=0.0)
     result = fit(read(logged(tmp_path, (MOTORS[0], SPEEDS[0]), 65535 * (1 - command[0, 0]), NEXT * speed[0])))
     assert result.accepted
     assert "motor.speed_poly" in result.rejected
@@ -490,7 +488,7 @@ def test_a_speed_map_that_falls_is_rejected_and_the_lag_is_not(tmp_path: Path) -
 
 def scaled(folder: Path, low: float, high: float) -> Result:
     """Return the fit of a log whose commands go from `low` to `high`."""
-    _, command, speed = flown(1, 9, rotors=1, noise=3.0, red=0.0)
+    _, command, speed = flown(1, 9, noise=3.0, red=0.0)
     names = MOTORS[0].replace("(H)", "(f)"), SPEEDS[0]
     return fit(read(logged(folder, names, low + (high - low) * command[0, 0], NEXT * speed[0])))
 
@@ -520,29 +518,13 @@ def test_commands_on_another_scale_give_the_lag_and_no_map(
     assert second.value[0] == pytest.approx(first.value[0], abs=0.5 * first.std[0])
 
 
-def test_the_thrust_of_a_real_flight_leaves_its_lags_open_about_what_its_authors_found() -> None:
-    """Without whitening, the fitted lag of falling thrust is 45 ms: no model contains the air and the vibration."""
-    path = DATA / "flights" / "eschmann_log10.usd"
-    if not path.is_file():
-        pytest.skip("the flight log is not here (CFID_DATA)")
-    result = fit(read(path).between(8.77, 39.13))  # 35 to 65 s on its slow clock, the authors' choice
-    for way in ("rising", "falling"):
-        rate = result.quantities[f"dynamics.{way}"]
-        assert abs(1 / rate.value[0] - 0.073) < 2 * rate.std[0] / rate.value[0] ** 2  # the authors' one lag, no delay
-        assert 0.04 < 1 / rate.value[0] < 0.1
-
-    (open_one,) = (finding for finding in result.findings if finding.code == "lag-not-excited")
-    assert "falling speed, 73 ms, is open by 40 %" in open_one.sentence
-    assert not {"dynamics.rising", "dynamics.falling"} & set(result.without_rejected().quantities)
-
-
 def campaign(folder: Path, cfid: Cfid) -> Path:
     assert cfid("new", folder / "campaign").returncode == 0
     return folder / "campaign"
 
 
 def test_a_stand_s_table_of_a_command_that_never_rests_gives_the_lag(tmp_path: Path, cfid: Cfid) -> None:
-    time_s, command, speed = flown(1, 11, rotors=1, noise=3.0, red=0.0)
+    time_s, command, speed = flown(1, 11, noise=3.0, red=0.0)
     pulse_us = 1000 + 1000 * command[0, 0]
     table = tmp_path / "stand.csv"
     rows = (f"{t:.2f},{u:.3f},{NEXT * w:.3f}\n" for t, u, w in zip(time_s, pulse_us, speed[0], strict=True))

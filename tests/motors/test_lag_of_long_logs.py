@@ -22,7 +22,7 @@ def part(rng: np.random.Generator, own: Array, common: Array, *, scatter: float,
     """Return the fit of a part: its own errors are `scatter` times what it states, the common one `error` times."""
     found = TRUE + scatter * own * rng.normal(size=6) + common[:, 0] * error
     return LagFit(
-        kind="speed", lag=InputLag(*found[3:].tolist()), covariance=np.diag(own**2) + common @ common.T,
+        lag=InputLag(*found[3:].tolist()), covariance=np.diag(own**2) + common @ common.T,
         map=(found[0], found[1], found[2]), explained=0.99, rms=1.0, drift=0.0, time_s=np.arange(4.0),
         measured=np.ones(4), shown=rng.normal(size=4), findings=(), effects=common,
     )  # fmt: skip

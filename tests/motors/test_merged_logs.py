@@ -17,7 +17,7 @@ NEXT = 30 / np.pi
 
 def logged(seed: int = 7) -> pd.DataFrame:
     """Return a log of the Crazyflie's client at 100 Hz."""
-    time_s, command, speed = flown(1, seed, rotors=1, noise=3.0, red=0.0)
+    time_s, command, speed = flown(1, seed, noise=3.0, red=0.0)
     stamp = np.rint(1000 * time_s).astype(int)
     columns = {"motor.m1": np.round(65535 * command[0, 0]), "rpm.m1": np.round(NEXT * speed[0])}
     return pd.DataFrame({"Timestamp": stamp, **columns})

@@ -91,7 +91,7 @@ def model_of_steps(_: Path) -> Result:
 
 
 def lag_of_a_log(folder: Path) -> Result:
-    _, command, speed = flown(4, 7, rotors=1, noise=3.0, red=0.0)
+    _, command, speed = flown(4, 7, noise=3.0, red=0.0)
     speed[3] = 1800 + 200 * np.random.default_rng(2).standard_normal(speed.shape[1])
     columns: list[Array] = [*(65535 * command[:, 0]), *(NEXT * speed)]
     return lag.fit(read(logged(folder, MOTORS + SPEEDS, *columns)))

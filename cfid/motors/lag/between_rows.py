@@ -22,7 +22,6 @@ import numpy.typing as npt
 
 from cfid.findings import Finding, note
 from cfid.motors.delays import command_between_rows
-from cfid.motors.lag.checks import Kind
 from cfid.motors.lag.estimation import LagFit, fit_lag
 from cfid.motors.lag.model import LogSegment, Signal
 from cfid.motors.lag.part import moves
@@ -37,26 +36,24 @@ _LONG = 0.1
 # Factor on the share: falling time constants of 80 ms were off by 1.2 times as much at 100 Hz and by 1.8 times at
 # 50 Hz, rising ones of 50 ms by less.
 _TIMES = 1.5
-_OF_THRUST = 0.25  # the least share for a sum of rotors, some of which rise while others fall
 _MOST = 0.4  # at a half, nothing is left of the difference
 _WITHIN_S = 1.0  # some time constants: how long a command is looked at for its variance
 
 
-def fit_rows(pieces: Sequence[LogSegment], *, kind: Kind, row_s: float, moving: bool, age_s: float = 0.0) -> LagFit:
+def fit_rows(pieces: Sequence[LogSegment], *, row_s: float, moving: bool, age_s: float = 0.0) -> LagFit:
     """Return the fit of commands that rows show, allowing for what they do between rows.
 
     The uncertainty contains the effect of command noise that lasts for one step of the controller. Parameters and
     errors are those of `fit_lag`.
     """
     if not moving or row_s < _SHOWN_S:
-        return fit_lag(pieces, kind=kind, row_s=row_s, moving=moving, age_s=age_s)
+        return fit_lag(pieces, row_s=row_s, moving=moving, age_s=age_s)
     rng = np.random.default_rng(_SEED)
     as_known, noisier = (
-        [piece._replace(drives=tuple(_straight(drive, each) for drive in piece.drives)) for piece in pieces]
-        for each in (None, rng)
+        [piece._replace(drive=_straight(piece.drive, each)) for piece in pieces] for each in (None, rng)
     )
-    fit = fit_lag(as_known, kind=kind, row_s=row_s, moving=moving, age_s=age_s)
-    other = fit_lag(noisier, kind=kind, row_s=row_s, moving=moving)
+    fit = fit_lag(as_known, row_s=row_s, moving=moving, age_s=age_s)
+    other = fit_lag(noisier, row_s=row_s, moving=moving)
     effects = np.zeros((6, 2))
     effects[3:5, 0] = other.lag.rising_s - fit.lag.rising_s, other.lag.falling_s - fit.lag.falling_s
     effects[3:5, 1] = _LONG * row_s
@@ -79,15 +76,6 @@ def _noise_of(command: Array) -> float:
 
 def _unsure(fit: LagFit, effects: Array) -> LagFit:
     return replace(fit, covariance=fit.covariance + effects @ effects.T, effects=np.hstack([fit.effects, effects]))
-
-
-def mixed_share_of_thrust(commands: Sequence[Signal]) -> float:
-    """Return what `mixed_share` does, for the thrust of several rotors together; 0 where it is 0 for each rotor.
-
-    Under a flight's commands at 100 Hz the share was a fifth, where a twentieth was stated.
-    """
-    share = max(map(mixed_share, commands))
-    return max(share, _OF_THRUST) if share else 0.0
 
 
 def mixed_share(command: Signal) -> float:

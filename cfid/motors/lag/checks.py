@@ -1,7 +1,5 @@
 """Why the lag of a log is rejected: the command excites it too little, or it explains too little."""
 
-from typing import Literal
-
 import numpy as np
 import numpy.typing as npt
 
@@ -9,16 +7,14 @@ from cfid.findings import Finding, rejection
 from cfid.motors.lag.model import InputLag
 
 Array = npt.NDArray[np.float64]
-Kind = Literal["speed", "thrust"]
 
-EXPLAINED: dict[Kind, float] = {"speed": 0.9, "thrust": 0.6}  # of the variance; air and vibration add to a thrust
+EXPLAINED = 0.9  # of the variance
 
 _LOOSE = 0.2  # of a time constant: the largest accepted standard uncertainty
 _COARSE = 0.5  # of a time constant: the largest interval of a command that shows it
 
 
 def rejections(
-    kind: Kind,
     lag: InputLag,
     std_s: Array,
     explained: float,
@@ -34,11 +30,11 @@ def rejections(
     pass through any two.
     """
     keys = ("dynamics.rising", "dynamics.falling", "dynamics.delay_s")
-    unexplained = explained < EXPLAINED[kind]
+    unexplained = explained < EXPLAINED
     if unexplained and moves:
         text = (
             f"its command moves and a first-order lag explains only {100 * explained:.0f} % "
-            f"(limit {100 * EXPLAINED[kind]:.0f} %)."
+            f"(limit {100 * EXPLAINED:.0f} %)."
         )
         return (rejection("lag-misfit", text, *keys),)
     if singular:
@@ -59,7 +55,7 @@ def rejections(
         )
         found.append(rejection("lag-not-excited", text, *keys))
     if unexplained:
-        text = f"a first-order lag explains only {100 * explained:.0f} % (limit {100 * EXPLAINED[kind]:.0f} %)."
+        text = f"a first-order lag explains only {100 * explained:.0f} % (limit {100 * EXPLAINED:.0f} %)."
         found.append(rejection("lag-misfit", text, *keys))
     if unseen_s > _COARSE * min(lag.rising_s, lag.falling_s):
         text = (

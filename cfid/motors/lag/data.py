@@ -1,4 +1,4 @@
-"""A flight log as commands that drove each rotor, and the speeds or acceleration that show how fast rotors followed.
+"""A flight log as commands that drove each rotor, and the speeds that show how fast rotors followed.
 
 A long log is read part after part, so it may be larger than the memory.
 """
@@ -18,7 +18,7 @@ from cfid.motors.lag.model import Signal
 from cfid.motors.lag.part import BREAK_S, LogPart
 from cfid.motors.lag.survey import part_s, possible, survey
 from cfid.recordings.crazyflie import findings_in, first_of, is_flown, windows
-from cfid.recordings.limits import COMMANDS, FORCES, SPEEDS, Limits, refuse_repeated_times
+from cfid.recordings.limits import COMMANDS, SPEEDS, Limits, refuse_repeated_times
 from cfid.recordings.read import is_binary_log, read_recording
 from cfid.recordings.recording import Column, Facts, Recording, Series
 from cfid.recordings.stand import StandTable
@@ -29,7 +29,7 @@ Array = npt.NDArray[np.float64]
 
 _COMMANDS = ("motor.m{}", "pwm.m{}_pwm", "pwm.m{}", "control.m{}")
 _SPEEDS = ("rpm.m{}", "motor.m{}_rpm")
-_VOLTS, _ACCELERATION = ("pm.vbat", "pm.vbatMV"), "acc.z"
+_VOLTS = ("pm.vbat", "pm.vbatMV")
 _IMPOSSIBLE_SHARE = 0.1  # share of impossible ones among the voltages that are numbers, up to which the others are used
 _ONE_RATE = rejection(
     "rotor-model-not-excited",
@@ -56,7 +56,6 @@ class RotorLog:
     commands: Mapping[int, str]
     speeds: Mapping[int, str]
     volts: str | None
-    acceleration: str | None
     limits: Mapping[str, Limits]
     begin_s: float
     window: tuple[float, float]
@@ -88,14 +87,13 @@ class RotorLog:
 
         Raises DataError where nothing shows how the rotors follow.
         """
-        if not self.speeds and self.acceleration is None:
-            raise DataError(f"{self.path}: no rotor speeds (rpm.m1, ...) and no acc.z: nothing follows the commands.")
-        missing = ", ".join(f"motor.m{motor}" for motor in MOTORS if motor not in self.commands)
-        if not self.speeds and missing:
-            raise DataError(f"{self.path}: no {missing}: the thrust in acc.z is that of all four.")
+        if not self.speeds:
+            raise DataError(
+                f"{self.path}: no rotor speeds (rpm.m1, ...): use `cfid fit flight`, which takes the lag from the gyro "
+                "and the accelerometer."
+            )
         low, high = self.window
-        needed = (self.volts, None if self.speeds else self.acceleration)
-        names = [*self.commands.values(), *self.speeds.values(), *(name for name in needed if name is not None)]
+        names = [*self.commands.values(), *self.speeds.values(), *([] if self.volts is None else [self.volts])]
         count = ceil((high - low) / part_s(self.log, names))
         at_v = 0.0
         for part in windows(self.log, names, from_s=self.begin_s + low, long_s=(high - low) / count):
@@ -133,19 +131,14 @@ class RotorLog:
 
     def _part(self, signals: Mapping[str, Signal]) -> LogPart:
         commands = {motor: signals[name] for motor, name in self.commands.items()}
-        measured = {motor: signals[name] for motor, name in self.speeds.items()}
-        if not self.speeds and self.acceleration is not None:
-            measured[0] = signals[self.acceleration]
-        each = {motor: _once_each(one) for motor, one in measured.items()}
-        read = {motor: signal for motor, (signal, _) in each.items()}
+        each = {motor: _once_each(signals[name]) for motor, name in self.speeds.items()}
         volts, volts_readings = (None, None) if self.volts is None else _once_each(self._volts(signals))
         return LogPart(
             commands=commands,
-            speeds={motor: speed._replace(value=_known(speed.value)) for motor, speed in read.items() if motor},
+            speeds={motor: speed._replace(value=_known(speed.value)) for motor, (speed, _) in each.items()},
             readings={motor: readings for motor, (_, readings) in each.items()},
             volts=volts,
             volts_readings=volts_readings,
-            acceleration=read.get(0),
         )
 
 
@@ -190,7 +183,7 @@ def of_stand(table: StandTable) -> RotorLog | None:
 
 
 def of_log(log: Recording) -> RotorLog:
-    """Find commands, speeds, voltage and acceleration in a log. Raises DataError without commands."""
+    """Find commands, speeds and voltage in a log. Raises DataError without commands."""
     commands = _of_motors(log, _COMMANDS)
     if not commands:
         raise DataError(
@@ -199,10 +192,7 @@ def of_log(log: Recording) -> RotorLog:
         )
     speeds = {motor: name for motor, name in _of_motors(log, _SPEEDS).items() if motor in commands}
     volts = first_of(log, _VOLTS)
-    acceleration = first_of(log, (_ACCELERATION,))
     limits = dict.fromkeys(commands.values(), COMMANDS) | dict.fromkeys(speeds.values(), SPEEDS)
-    if acceleration is not None and not speeds:
-        limits[acceleration] = FORCES
     seen = survey(log, commands, speeds, volts, limits)
     limits = {name: limits[name] for name, (wrong, known, _) in seen.outside.items() if limits[name].few(wrong, known)}
     outside = [one.left_out(name, seen.outside[name].wrong, seen.outside[name].first) for name, one in limits.items()]
@@ -226,7 +216,6 @@ def of_log(log: Recording) -> RotorLog:
         commands=commands,
         speeds={motor: name for motor, name in speeds.items() if seen.speeds[motor].known},
         volts=volts if use_volts else None,
-        acceleration=acceleration,
         limits=limits,
         begin_s=seen.begin_s,
         window=(0.0, np.nextafter(seen.end_s - seen.begin_s, np.inf)),

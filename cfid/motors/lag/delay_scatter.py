@@ -137,20 +137,20 @@ def _rest(residual: Array, *, white: Callable[[Array], Array], own: Scatter, col
 
 
 def _changes(piece: LogSegment) -> npt.NDArray[np.bool_]:
-    """Return which values (n,) of a segment's only drive differ from the value before."""
-    return np.append(False, np.diff(piece.drives[0].value) != 0)
+    """Return which values (n,) of a segment's drive differ from the value before."""
+    return np.append(False, np.diff(piece.drive.value) != 0)
 
 
 def _moved(search: Search, late_s: Array) -> Search:
     """Return a record whose drives change later by `late_s` (k,), each change at most half-way to the next value."""
     pieces, begin = [], 0
     for piece in search.pieces:
-        (time_s, value), changes = piece.drives[0], _changes(piece)
+        (time_s, value), changes = piece.drive, _changes(piece)
         end = begin + int(np.count_nonzero(changes))
         moves = np.zeros(len(time_s))
         moves[changes] = late_s[begin:end]
         room_s = np.diff(time_s, prepend=-np.inf, append=np.inf) / 2
-        pieces.append(piece._replace(drives=(Signal(time_s + np.clip(moves, -room_s[:-1], room_s[1:]), value),)))
+        pieces.append(piece._replace(drive=Signal(time_s + np.clip(moves, -room_s[:-1], room_s[1:]), value)))
         begin = end
     return search._replace(pieces=pieces, shown=speed_shown(pieces))
 

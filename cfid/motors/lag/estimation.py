@@ -19,7 +19,7 @@ from cfid.errors import FitError
 from cfid.estimate.blocks import block_means
 from cfid.estimate.linear import gain_of, std_of
 from cfid.findings import Finding, texts
-from cfid.motors.lag.checks import EXPLAINED, Kind, rejections
+from cfid.motors.lag.checks import EXPLAINED, rejections
 from cfid.motors.lag.delay_scatter import Scatter, scattered
 from cfid.motors.lag.gaps import without_after_gaps
 from cfid.motors.lag.model import InputLag, LogSegment
@@ -55,7 +55,6 @@ class LagFit:
     the former because a sensor stood still, the latter because no command leads to them.
     """
 
-    kind: Kind
     lag: InputLag
     covariance: Array
     map: tuple[float, float, float]
@@ -100,37 +99,32 @@ def unsure_of_sag(fit: LagFit) -> LagFit:
     return replace(fit, covariance=fit.covariance + effect @ effect.T, effects=np.hstack([fit.effects, effect]))
 
 
-def fit_lag(
-    pieces: Sequence[LogSegment], *, kind: Kind, row_s: float = 0.0, moving: bool = False, age_s: float = 0.0
-) -> LagFit:
+def fit_lag(pieces: Sequence[LogSegment], *, row_s: float = 0.0, moving: bool = False, age_s: float = 0.0) -> LagFit:
     """Fit time constants of rising and falling speed, the delay behind the command, and the static map, all at once.
 
-    With kind "speed", the measured values are the speed in rad/s of one rotor, whose map is fitted with its lag. With
-    kind "thrust", they are the thrust of all rotors together in any unit, quadratic in speeds that are linear in the
-    drive. `row_s` is the interval between two rows of the command, which changed at any time within it before a row
-    shows the change: the delay is too short by up to that. `moving` states that the command changes in most rows, which
-    do not show its steps. A row may show a measured value up to `age_s` late, which makes the delay too long. Of both,
-    the mean, half of it, is corrected.
+    The measured values are the speed in rad/s of one rotor. `row_s` is the interval between two rows of the command,
+    which changed at any time within it before a row shows the change: the delay is too short by up to that. `moving`
+    states that the command changes in most rows, which do not show its steps. A row may show a measured value up to
+    `age_s` late, which makes the delay too long. Of both, the mean, half of it, is corrected.
 
     The map holds in the middle of the record: its level and slope may drift, as with a battery that sags. Where the
     segments have a voltage, the drive is multiplied by a power of it, which the record shows where the voltage changes
     enough. Speeds that no rotor had are left out, as are those after gaps of rows in which the drive changed. Raises
     FitError for fewer than 200 samples, and for a speed that stands still.
     """
-    if kind == "speed":
-        pieces, standing_s = _moving(pieces)
-        if len(standing_s):
-            fit = fit_lag(pieces, kind=kind, row_s=row_s, moving=moving, age_s=age_s)
-            return replace(fit, standing_s=standing_s)
-    search = search_of(pieces, kind)
+    pieces, standing_s = _moving(pieces)
+    if len(standing_s):
+        fit = fit_lag(pieces, row_s=row_s, moving=moving, age_s=age_s)
+        return replace(fit, standing_s=standing_s)
+    search = search_of(pieces)
     plain = search.fitted(search.start, np.asarray)
     good, odd_s = _without_odd(search, plain)
     if len(odd_s):
-        fit = fit_lag(good, kind=kind, row_s=row_s, moving=moving, age_s=age_s)
+        fit = fit_lag(good, row_s=row_s, moving=moving, age_s=age_s)
         return replace(fit, odd_s=np.sort(np.concatenate([fit.odd_s, odd_s])))
     if any(len(piece.gaps_s) for piece in search.pieces):
         pieces = without_after_gaps(search.pieces, InputLag(*plain.x[3:6].tolist()))
-        return fit_lag(pieces, kind=kind, row_s=row_s, moving=moving, age_s=age_s)
+        return fit_lag(pieces, row_s=row_s, moving=moving, age_s=age_s)
     fit = _lag_fit(search, plain, row_s=row_s, moving=moving)
     lag = fit.lag._replace(delay_s=fit.lag.delay_s + (row_s - age_s) / 2)
     return replace(fit, lag=lag, late_s=math.hypot(row_s, age_s) / math.sqrt(12))
@@ -139,8 +133,8 @@ def fit_lag(
 def _without_odd(search: Search, plain: OptimizeResult) -> tuple[list[LogSegment], Array]:
     """Return the pieces without speeds that no rotor had by a `plain` fit, none if all fit, and those speeds' times."""
     missing = plain.fun[: len(search.measured)]
-    missed = np.var(missing) > (1 - EXPLAINED[search.kind]) * np.var(search.measured)
-    if search.kind != "speed" or not (missed or any_far(missing)):
+    missed = np.var(missing) > (1 - EXPLAINED) * np.var(search.measured)
+    if not (missed or any_far(missing)):
         return [], np.zeros(0)
     begin = start_of(search.pieces, clipped(search.measured))
     spread = max(noise_of(search.shown(begin) - search.measured), 1e-9)
@@ -154,7 +148,7 @@ def _without_odd(search: Search, plain: OptimizeResult) -> tuple[list[LogSegment
 def _lag_fit(search: Search, plain: OptimizeResult, *, row_s: float, moving: bool) -> LagFit:
     """Return the fit of errors freed from the correlation of their noise, which the errors of a `plain` fit show."""
     scatter = None
-    if search.kind == "speed" and row_s and not moving and (found := scattered(search, plain.x, row_s=row_s)):
+    if row_s and not moving and (found := scattered(search, plain.x, row_s=row_s)):
         search, scatter = found
         plain = search.fitted(search.start, np.asarray)
     measured, pieces = search.measured, search.pieces
@@ -173,7 +167,6 @@ def _lag_fit(search: Search, plain: OptimizeResult, *, row_s: float, moving: boo
     covariance[[3, 4], [3, 4]] += (moving * _BETWEEN_ROWS * row_s) ** 2
     explained = _explained(pieces, residual, measured, min(lag.rising_s, lag.falling_s))
     return LagFit(
-        kind=search.kind,
         lag=lag,
         covariance=np.full((6, 6), np.nan) if singular else covariance[:6, :6],
         effects=effects[:6],
@@ -186,14 +179,13 @@ def _lag_fit(search: Search, plain: OptimizeResult, *, row_s: float, moving: boo
         measured=measured,
         shown=measured + residual,
         findings=rejections(
-            search.kind,
             lag,
             std_of(covariance)[3:6],
             explained,
             singular=singular,
             unseen_s=moving * row_s,
-            moves=any(moves(drive, piece.measured.time_s) for piece in pieces for drive in piece.drives),
-            levels=len(np.unique(np.concatenate([drive.value for piece in pieces for drive in piece.drives]))),
+            moves=any(moves(piece.drive, piece.measured.time_s) for piece in pieces),
+            levels=len(np.unique(np.concatenate([piece.drive.value for piece in pieces]))),
         ),
     )
 
@@ -258,7 +250,7 @@ def _moving(pieces: Sequence[LogSegment]) -> tuple[list[LogSegment], Array]:
 
     Raises FitError where most speeds are such.
     """
-    found = [standing(piece.drives[0], piece.measured) for piece in pieces]
+    found = [standing(piece.drive, piece.measured) for piece in pieces]
     each = [(piece, flags, np.isfinite(piece.measured.value)) for piece, flags in zip(pieces, found, strict=True)]
     still = np.concatenate([piece.measured.value[flags] for piece, flags, _ in each]) if each else np.zeros(0)
     if len(still) > sum(np.count_nonzero(known & ~flags) for _, flags, known in each):

@@ -11,7 +11,6 @@ from cfid.findings import texts
 from cfid.motors.lag.estimation import LagFit
 
 _SHOWN_S = 4.0  # of a record, where it moves most: a longer one is a black band
-_UNITS = {"speed": "speed (rad/s)", "thrust": "acceleration (m/s²)"}
 
 
 @styled
@@ -31,7 +30,7 @@ def lag_figure(fits: Mapping[str, LagFit], *, title: str) -> Figure:
 
 
 def _draw(axes: Axes, name: str, fit: LagFit) -> None:
-    name_panel(axes, name, x="time (s)", y=_UNITS[fit.kind])
+    name_panel(axes, name, x="time (s)", y="speed (rad/s)")
     begin_s = _liveliest_s(fit)
     seen = (fit.time_s >= begin_s) & (fit.time_s <= begin_s + _SHOWN_S)
     draw_line(axes, fit.time_s[seen], fit.measured[seen], color=RECORDED, lw=0.9, label="measured")

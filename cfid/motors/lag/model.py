@@ -71,40 +71,33 @@ class Supply(NamedTuple):
 
 
 class LogSegment(NamedTuple):
-    """A part of a record without a break: what drives each rotor, and what was measured.
+    """A part of a record without a break: what drives a rotor, and its speed.
 
-    Drives are commands, relative to about the largest. `volts` is the battery's voltage relative to its usual one, None
-    if unknown; it hardly changes between two values of a drive. `gaps_s` (k, 2) are the start and end times of gaps
-    without rows, before and after which a drive differs.
+    The drive is a command, relative to about the largest. `volts` is the battery's voltage relative to its usual one,
+    None if unknown; it hardly changes between two values of the drive. `gaps_s` (k, 2) are the start and end times of
+    gaps without rows, before and after which the drive differs.
     """
 
-    drives: tuple[Signal, ...]
+    drive: Signal
     measured: Signal
     volts: Signal | None = None
     gaps_s: Array = np.zeros((0, 2))
 
-    def driven(self, lag: InputLag, supply: Supply) -> tuple[Signal, ...]:
-        """Return the drives multiplied by a power of the voltage, by the clock of the commands."""
-        ratios = (self._ratio(drive, lag, supply) for drive in self.drives)
-        each = zip(self.drives, ratios, strict=True)
-        return tuple(Signal(time_s, value * ratio**supply.power) for (time_s, value), ratio in each)
-
     def target(self, map_of: Array, lag: InputLag, supply: Supply) -> Signal:
-        """Return the speed that a map (3,) of the only drive leads to, by the clock of the commands."""
-        (drive,) = self.drives
+        """Return the speed that a map (3,) of the drive leads to, by the clock of the commands."""
+        drive = self.drive
         if self.volts is None:
             return Signal(drive.time_s, map_of[0] + map_of[1] * drive.value + map_of[2] * drive.value**2)
-        log_ratio = np.log(self._ratio(drive, lag, supply))
+        log_ratio = np.log(self._ratio(lag, supply))
         value = drive.value * np.exp(supply.power * (1 - supply.whole) * log_ratio)
         target = map_of[0] + value * (map_of[1] + map_of[2] * value)
         return Signal(drive.time_s, target * np.exp(supply.power * supply.whole * log_ratio))
 
-    def _ratio(self, drive: Signal, lag: InputLag, supply: Supply) -> Array:
-        """Return the voltage relative to its usual one in the middle of each interval of a drive, 1 where unknown."""
-        if self.volts is None:
-            return np.ones(len(drive.time_s))
-        time_s = drive.time_s + (1 - supply.late) * lag.delay_s
-        time_s[:-1] += np.diff(drive.time_s) / 2
+    def _ratio(self, lag: InputLag, supply: Supply) -> Array:
+        """Return the known voltage relative to its usual one in the middle of each interval of the drive."""
+        assert self.volts is not None
+        time_s = self.drive.time_s + (1 - supply.late) * lag.delay_s
+        time_s[:-1] += np.diff(self.drive.time_s) / 2
         return np.asarray(np.interp(time_s, *self.volts))
 
 
@@ -119,27 +112,3 @@ def speed_shown(pieces: Sequence[LogSegment]) -> Callable[[Array], Array]:
         return np.concatenate(found)
 
     return shown
-
-
-def thrust_shown(pieces: Sequence[LogSegment]) -> Callable[[Array], Array]:
-    """Return the function from map, lag and supply (8,) to thrusts (n,): the map takes lagging drives to thrust."""
-    latest: dict[tuple[InputLag, Supply], Array] = {}  # most columns of a Jacobian have the same lag
-
-    def shown(p: Array) -> Array:
-        lag, supply = InputLag(*p[3:6].tolist()), Supply(*p[6:].tolist())
-        if (lag, supply) not in latest:
-            latest.clear()
-            latest[lag, supply] = powers(pieces, lag, supply)
-        return np.asarray(latest[lag, supply] @ p[:3])
-
-    return shown
-
-
-def powers(pieces: Sequence[LogSegment], lag: InputLag, supply: Supply) -> Array:
-    """Return (n, 3): ones, the sum of the rotors' lagging drives, and the sum of the squares of these."""
-    rows = []
-    for piece in pieces:
-        time_s = piece.measured.time_s
-        late = np.array([lag.follow(drive, time_s) for drive in piece.driven(lag, supply)])
-        rows.append(np.column_stack([np.ones(len(time_s)), late.sum(axis=0), (late**2).sum(axis=0)]))
-    return np.concatenate(rows)

@@ -11,7 +11,7 @@ from cfid.motors.lag.gaps import gaps
 from cfid.motors.lag.model import LogSegment, Signal
 from cfid.motors.lag.search import SETTLING_S
 from cfid.motors.lag.voltage import volts_at
-from cfid.units import FULL_COMMAND, MOTORS
+from cfid.units import FULL_COMMAND
 
 Array = npt.NDArray[np.float64]
 
@@ -22,11 +22,10 @@ _UNSEEN, _UNSEEN_S = 5, 0.25  # usual intervals, and seconds, up to which a volt
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LogPart:
-    """Commands by motor, 0 to 65535, with speeds in rad/s by motor, volts, and acceleration along z in m/s^2.
+    """Commands by motor, 0 to 65535, with speeds in rad/s by motor, and volts.
 
     Each has its own times, in seconds since the log's first row of a command. Drives are for the voltage `at_v`, 1
-    where no voltage was logged. `readings` are those of the speeds, by motor, and of the acceleration, under 0; each
-    counts once.
+    where no voltage was logged. `readings` are those of the speeds, by motor; each counts once.
     """
 
     commands: Mapping[int, Signal]
@@ -35,7 +34,6 @@ class LogPart:
     volts: Signal | None = None
     volts_readings: Readings | None = None
     at_v: float = 1.0
-    acceleration: Signal | None = None
 
     @property
     def row_s(self) -> float:
@@ -44,16 +42,12 @@ class LogPart:
         return float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
 
     def moving(self, motor: int) -> bool:
-        """Whether a motor's command, or for motor 0 any, changes in most rows, which then do not show its steps."""
-        return any(moves(value) for number, (_, value) in self.commands.items() if motor in (0, number))
+        """Whether a motor's command changes in most rows, which then do not show its steps."""
+        return moves(self.commands[motor].value)
 
     def of_speed(self, motor: int, *, by: int | None = None) -> list[LogSegment]:
         """Return the segments in which one rotor runs, with its speed; `by` is the motor whose command drives it."""
-        return list(self._segments((by or motor,), self.speeds[motor]))
-
-    def of_thrust(self) -> list[LogSegment]:
-        """Return the segments in which all rotors run, with the acceleration, which is their thrust over the mass."""
-        return [] if self.acceleration is None else list(self._segments(MOTORS, self.acceleration))
+        return list(self._segments(by or motor, self.speeds[motor]))
 
     def driven_volts(self, motor: int) -> Array:
         """Return the battery's volts (n,) at the commands that drive a motor, none where they are unknown."""
@@ -66,26 +60,26 @@ class LogPart:
         driven_v = np.concatenate([self.driven_volts(motor) for motor in self.commands])
         return float(np.mean(driven_v)) if len(driven_v) else 1.0
 
-    def _segments(self, motors: tuple[int, ...], measured: Signal) -> Iterator[LogSegment]:
+    def _segments(self, motor: int, measured: Signal) -> Iterator[LogSegment]:
         """Yield the segments without a break that are long enough to be used."""
-        time_s = self.commands[motors[0]].time_s
-        held = np.array([self.commands[motor].held(time_s) for motor in motors])  # by rows of the first
-        runs = np.all(held > 0, axis=0)
+        time_s, command = self.commands[motor]
+        runs = command > 0
         runs &= self.volts is None or _is_known(self.volts.time_s, time_s)
         ends = ~runs[:-1] | ~runs[1:] | (np.diff(time_s) > BREAK_S)
-        unseen = np.flatnonzero(gaps(time_s) & np.any(np.diff(held) != 0, axis=0))
+        unseen = np.flatnonzero(gaps(time_s) & (np.diff(command) != 0))
         edges = np.concatenate([[0], np.flatnonzero(ends) + 1, [len(time_s)]])
-        drives = held / FULL_COMMAND * self.at_v
+        drive = command / FULL_COMMAND * self.at_v
         volts = None if self.volts is None else volts_at(self.volts, self.speeds.values(), time_s)
         for first, last in zip(edges[:-1], edges[1:] - 1, strict=True):
             if last < first or time_s[last] - time_s[first] <= 2 * SETTLING_S:
                 continue
             inside = slice(first, last + 1)
             between = measured.between(float(time_s[first]), float(time_s[last]))
-            commands = tuple(Signal(time_s[inside], drive[inside]) for drive in drives)
             ratio = None if volts is None else Signal(time_s[inside], volts[inside] / self.at_v)
             own = unseen[(unseen >= first) & (unseen < last)]
-            yield LogSegment(commands, between, ratio, np.column_stack([time_s[own], time_s[own + 1]]))
+            yield LogSegment(
+                Signal(time_s[inside], drive[inside]), between, ratio, np.column_stack([time_s[own], time_s[own + 1]])
+            )
 
 
 def moves(command: Array) -> bool:

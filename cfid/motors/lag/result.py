@@ -16,10 +16,8 @@ from cfid.motors.lag.between_rows import (
     between_rows_finding,
     fit_rows,
     mixed_share,
-    mixed_share_of_thrust,
     unsure_between_rows,
 )
-from cfid.motors.lag.checks import Kind
 from cfid.motors.lag.data import RotorLog
 from cfid.motors.lag.estimation import LagFit, joined, unsure_of_sag
 from cfid.motors.lag.gaps import Gaps
@@ -40,8 +38,6 @@ from cfid.records.result import Dependent, Figures, Result
 Array = npt.NDArray[np.float64]
 
 _NOTABLE_DRIFT = 0.02  # of the speed
-_THRUST = "thrust of all rotors"
-_OF_ONE_MOTOR = ("dynamics.rising", "dynamics.falling", "dynamics.delay_s")
 _ROWS = "dynamics.time_constant_s"
 _SAGS = (
     "A battery that gives way under load makes time constants too short, by 1.7 % for 0.3 V of 4.1 V: their "
@@ -50,10 +46,6 @@ _SAGS = (
 _UNFELT = 0.3  # power of the voltage: below, speeds are held, or another voltage drives the rotor
 _NO_LAG = rejection(
     "no-lag-fits", "no rotor is described by a first-order lag: see the warnings.", "dynamics.*", SPEED_POLY
-)
-_OF_ACCELERATION = (
-    "the log has no rotor speeds: the lag is that of the acceleration along z behind the commands. It contains the "
-    "accelerometer's filter and the air's forces in flight, so that it gives the order of magnitude and no rotor model."
 )
 
 
@@ -99,7 +91,7 @@ def fit(record: RotorLog) -> Result:
             *_repeated(seen),
             *_about(record, fits, seen),
             *_delay(joint),
-            *(speed_map_findings(joint, accepted, seen.commands, volts=seen.volts) if record.speeds else ()),
+            *speed_map_findings(joint, accepted, seen.commands, volts=seen.volts),
             *(() if any(one.accepted for one in fits.values()) else (_NO_LAG,)),
         ),
         sources=(record.log.source,),
@@ -132,8 +124,8 @@ class _Seen(NamedTuple):
 
 
 def _fits(record: RotorLog) -> tuple[dict[str, LagFit], _Seen, tuple[Finding, ...]]:
-    """Return the fit of each rotor, or of all by the acceleration, and findings about rotors that have no fit."""
-    names = {f"rotor {motor}": motor for motor in record.speeds} or {_THRUST: 0}
+    """Return the fit of each rotor, and findings about rotors that have no fit."""
+    names = {f"rotor {motor}": motor for motor in record.speeds}
     fits: dict[str, list[LagFit]] = {name: [] for name in names}
     failed: dict[str, FitError] = {}
     ranges: dict[str, tuple[float, float]] = {}
@@ -149,27 +141,24 @@ def _fits(record: RotorLog) -> tuple[dict[str, LagFit], _Seen, tuple[Finding, ..
         if part.volts_readings and part.volts_readings.age_s:
             repeated_volts = part.volts_readings
         for name, motor in names.items():
-            driven = [part.commands[motor]] if motor else list(part.commands.values())
-            on = np.concatenate([value[value > 0] for _, value in driven])
+            command = part.commands[motor]
+            on = command.value[command.value > 0]
             if part.moving(motor):
-                share = mixed_share(driven[0]) if motor else mixed_share_of_thrust(driven)
-                mixed[name] = max(mixed.get(name, 0.0), share)
-            driven_v = part.driven_volts(motor) if motor else np.zeros(0)
+                mixed[name] = max(mixed.get(name, 0.0), mixed_share(command))
+            driven_v = part.driven_volts(motor)
             volts, rows = volts + float(driven_v.sum()), rows + len(driven_v)
             readings = part.readings[motor]
             if readings.age_s:
                 repeated.setdefault(name, readings)
             low, high = ranges.get(name, (np.inf, -np.inf))
             ranges[name] = min(low, float(on.min(initial=np.inf))), max(high, float(on.max(initial=-np.inf)))
-            kind: Kind = "speed" if motor else "thrust"
-            pieces = part.of_speed(motor) if motor else part.of_thrust()
             try:
-                fit = fit_rows(pieces, kind=kind, row_s=part.row_s, moving=part.moving(motor), age_s=readings.age_s)
+                fit = fit_rows(part.of_speed(motor), row_s=part.row_s, moving=part.moving(motor), age_s=readings.age_s)
             except FitError as error:
                 failed[name] = error
                 continue
             fits[name].append(fit)
-            if motor and not fits[name][-1].accepted and name not in others:
+            if not fits[name][-1].accepted and name not in others:
                 others[name] = _other_command(part, motor)
     found = {name: joined(each) for name, each in fits.items() if each}
     found = {name: unsure_between_rows(fit, mixed[name]) if name in mixed else fit for name, fit in found.items()}
@@ -204,7 +193,7 @@ def _other_command(part: LogPart, motor: int) -> tuple[Finding, ...]:
         if other == motor:
             continue
         try:
-            fit = fit_rows(part.of_speed(motor, by=other), kind="speed", row_s=part.row_s, moving=part.moving(other))
+            fit = fit_rows(part.of_speed(motor, by=other), row_s=part.row_s, moving=part.moving(other))
         except FitError:
             continue
         if fit.accepted and fit.explained > explained:
@@ -257,7 +246,7 @@ def _about(record: RotorLog, fits: Mapping[str, LagFit], seen: _Seen) -> tuple[F
     if seen.row_s:
         found.append(between_rows_finding(seen.row_s, max(seen.mixed.values(), default=0.0)))
     name, most = max(fits.items(), key=lambda item: abs(item[1].drift) * item[1].accepted)
-    if record.speeds and most.accepted and abs(most.drift) > _NOTABLE_DRIFT:
+    if most.accepted and abs(most.drift) > _NOTABLE_DRIFT:
         changed = f"the speed of {name} changed by {100 * most.drift:+.1f} % from begin to end"
         held = "the maps hold in the middle of the log."
         text = f"at the same command {changed}: {held} Log the battery's voltage."
@@ -268,10 +257,8 @@ def _about(record: RotorLog, fits: Mapping[str, LagFit], seen: _Seen) -> tuple[F
             )
         found.append(warning("lag-map-drifts", text, SPEED_POLY, "dynamics.map"))
     found += _of_voltage(record, fits)
-    if record.speeds and seen.volts is not None and any(fit.accepted for fit in fits.values()):
+    if seen.volts is not None and any(fit.accepted for fit in fits.values()):
         found.append(power_finding(fit for fit in fits.values() if fit.accepted))
-    if not record.speeds:
-        found.append(rejection("lag-from-acceleration", _OF_ACCELERATION, *_OF_ONE_MOTOR))
     return tuple(found)
 
 

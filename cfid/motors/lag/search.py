@@ -12,8 +12,7 @@ from cfid.counted import counted
 from cfid.errors import FitError
 from cfid.estimate.blocks import block_means
 from cfid.estimate.linear import gain_of
-from cfid.motors.lag.checks import Kind
-from cfid.motors.lag.model import InputLag, LogSegment, Signal, Supply, powers, speed_shown, thrust_shown
+from cfid.motors.lag.model import LogSegment, Signal, Supply, speed_shown
 from cfid.motors.lag.plausibility import varies
 from cfid.motors.lag.uncertainty import Expected
 
@@ -37,7 +36,6 @@ class Search(NamedTuple):
     The search begins at `start` (8,), and `scale` (8,) is the size of each parameter.
     """
 
-    kind: Kind
     pieces: Sequence[LogSegment]
     measured: Array
     shown: Callable[[Array], Array]
@@ -65,7 +63,7 @@ class Search(NamedTuple):
         )
 
 
-def search_of(pieces: Sequence[LogSegment], kind: Kind) -> Search:
+def search_of(pieces: Sequence[LogSegment]) -> Search:
     """Return what is to be fitted. Raises FitError for fewer than 200 samples."""
     pieces = [found for piece in pieces if (found := _thinned(piece)) is not None]
     measured = np.concatenate([piece.measured.value for piece in pieces]) if pieces else np.zeros(0)
@@ -76,14 +74,13 @@ def search_of(pieces: Sequence[LogSegment], kind: Kind) -> Search:
         )
     expected, start = _expected(pieces), start_of(pieces, measured)
     scale = np.concatenate([np.full(3, max(float(np.std(measured)), 1e-12)), start[[3, 4, 3]], expected.scale])
-    shown = (speed_shown if kind == "speed" else thrust_shown)(pieces)
-    return Search(kind, pieces, measured, shown, expected, start, scale)
+    return Search(pieces, measured, speed_shown(pieces), expected, start, scale)
 
 
 def _thinned(piece: LogSegment) -> LogSegment | None:
     """Return a piece without unknown values and without its start, with at most one sample in 2 ms."""
     time_s, value = piece.measured
-    known = np.isfinite(value) & (time_s >= piece.drives[0].time_s[0] + SETTLING_S)
+    known = np.isfinite(value) & (time_s >= piece.drive.time_s[0] + SETTLING_S)
     time_s, value = time_s[known], value[known]
     if len(time_s) < 2:
         return None
@@ -94,8 +91,7 @@ def _thinned(piece: LogSegment) -> LogSegment | None:
         length = max(int(_FINEST_VOLTS_S / np.median(np.diff(volts.time_s)) + _ROUNDED), 1)
         volts = Signal(*(block_means(series, length=length) for series in volts))
     every_s = math.inf if volts is None else _FINEST_VOLTS_S
-    drives = tuple(_changes(drive, every_s=every_s) for drive in piece.drives)
-    return LogSegment(drives, measured, volts, piece.gaps_s)
+    return LogSegment(_changes(piece.drive, every_s=every_s), measured, volts, piece.gaps_s)
 
 
 def _expected(pieces: Sequence[LogSegment]) -> Expected:
@@ -117,12 +113,13 @@ def start_of(pieces: Sequence[LogSegment], measured: Array) -> Array:
     Without a voltage, the supply is left out (6,).
     """
     usual = () if pieces[0].volts is None else Supply()
-    best, found = np.inf, np.zeros(6)
+    shown, best, found = speed_shown(pieces), np.inf, np.zeros(6)
     for tau_s in _STARTS_S:
         for late_s in _STARTS_LATE_S:
-            rows = powers(pieces, InputLag(tau_s, tau_s, late_s), Supply())
+            lag = [tau_s, tau_s, late_s, *usual]
+            rows = np.column_stack([shown(np.array([*power, *lag])) for power in np.eye(3)])
             values = gain_of(rows) @ measured
             left = float(np.sum((measured - rows @ values) ** 2))
             if left < best:
-                best, found = left, np.concatenate([values, [tau_s, tau_s, late_s], usual])
+                best, found = left, np.concatenate([values, lag])
     return found

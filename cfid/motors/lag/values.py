@@ -23,7 +23,7 @@ SPEED_POLY = "motor.speed_poly"
 def joint_parameters(
     fits: Collection[LagFit], *, at_v: float, volts: float | None
 ) -> tuple[dict[str, Parameter], tuple[Covariance, ...]]:
-    """Return rates, delay and, for speeds, the map of the command, all as means of the rotors, and their covariance.
+    """Return rates, delay and the map of the command, all as means of the rotors, and their covariance.
 
     A map over command times battery voltage, with drives at `at_v`, becomes a map of the command at `volts`.
     """
@@ -47,13 +47,10 @@ def joint_parameters(
     covariance[4, 4] += max(fit.late_s for fit in fits) ** 2  # common to all rotors
     std = np.sqrt(np.diag(covariance))
     rates = {"dynamics.rising": slice(0, 2), "dynamics.falling": slice(2, 4)}
-    places: dict[str, int | slice] = {**rates, "dynamics.delay_s": 4}
-    if all(fit.kind == "speed" for fit in fits):
-        places[SPEED_POLY] = slice(5, 8)
+    places: dict[str, int | slice] = {**rates, "dynamics.delay_s": 4, SPEED_POLY: slice(5, 8)}
     std[[1, 3]] = np.nan
     found = {key: Parameter(value=values[at].tolist(), std=std[at].tolist()) for key, at in places.items()}
-    count = 8 if SPEED_POLY in found else 5
-    return found, covariance_between({key: one.value for key, one in found.items()}, covariance[:count, :count])
+    return found, covariance_between({key: one.value for key, one in found.items()}, covariance)
 
 
 def speed_map_findings(
@@ -134,9 +131,8 @@ def rotor_rows(fits: Mapping[str, LagFit], commands: Mapping[str, tuple[float, f
 
 def rotor_maps(fits: Mapping[str, LagFit], *, at_v: float, by_voltage: bool) -> list[dict[str, object]]:
     """Return a row with the map of each accepted rotor, for drives at the voltage `at_v`."""
-    of = {"speed": "rad/s", "thrust": "m/s^2"}
     return [
-        {"rotor": _rotor(name), "of": of[fit.kind], **_map(fit, at_v=at_v, by_voltage=by_voltage)}
+        {"rotor": _rotor(name), "of": "rad/s", **_map(fit, at_v=at_v, by_voltage=by_voltage)}
         for name, fit in fits.items()
         if fit.accepted
     ]
@@ -154,9 +150,8 @@ def _map(fit: LagFit, *, at_v: float, by_voltage: bool) -> dict[str, object]:
     return {"over": over, **values, **stds, **supply}
 
 
-def _rotor(name: str) -> int | None:
-    """Return a rotor's number, None for the thrust of all."""
-    return int(name[-1]) if name.startswith("rotor ") else None
+def _rotor(name: str) -> int:
+    return int(name.removeprefix("rotor "))
 
 
 def _known(value: float) -> float | None:
