@@ -289,3 +289,27 @@ def test_steps_whose_speed_was_counted_wrong_for_a_while_are_off_the_map_of_the_
         quantity = result.quantities[key]
         rate = quantity.value[0] + 2 * 1500 * quantity.value[1]
         assert rate == pytest.approx(10, rel=0.03)
+
+
+@pytest.mark.parametrize(("start_s", "slow"), [(0.06, True), (0.03, False)])
+def test_slow_starts_from_standstill_are_named_and_left_out_of_the_rotor_model(start_s: float, slow: bool) -> None:
+    """A speed controller that starts a motor in 66 ms and regulates it in 10 ms got a model of 40 ms, with 0.7 %."""
+    row_s, tau_s, hold_s = 0.005, 0.03, 0.5
+    commands = np.array([0.0, 16000, 36000, 16000, 40000, 0, 32000, 48000, 0, 20000, 42000, 24000])
+    rows, parts, now = np.arange(0.0, hold_s, row_s), list[Array](), 0.0
+    for command in commands:
+        tau = start_s if command > 0 and now < 1 else tau_s
+        parts.append(command / 25 + (now - command / 25) * np.exp(-rows / tau))
+        now = command / 25
+    speed = np.concatenate(parts) + np.random.default_rng(8).normal(0, 2.0, len(rows) * len(commands))
+    time_s = np.asarray(row_s * np.arange(len(speed)), np.float64)
+    result = fit(
+        SpeedRecord(
+            name="one", path=Path("one.csv"), time_s=time_s, speed_rad_s=speed,
+            command_time_s=np.asarray(hold_s * np.arange(len(commands)), np.float64), command=commands,
+        )
+    )  # fmt: skip
+    rising = result.quantities["dynamics.rising"]
+
+    assert ("rotor-starts-slowly" in [one.code for one in result.findings]) is slow
+    assert rising.value[0] + 2 * 1500 * rising.value[1] == pytest.approx(1 / tau_s, rel=0.03)

@@ -25,6 +25,8 @@ from cfid.records.result import Dependent, Figures, Result
 from cfid.records.run import Run, run_at
 
 _SLOWEST_S = 1.0  # largest time constant of a rotor, as in `fit flight`
+_FEWEST_BETWEEN = 2  # rising steps between speeds: the rotor model has two coefficients for rising
+_SLOWER, _SURE = 1.2, 4.0  # a slow start: times the model's time constant, and standard uncertainties beyond it
 _ROWS = "dynamics.time_constant_s"
 _WAYS = {"dynamics.rising": True, "dynamics.falling": False}
 
@@ -38,25 +40,21 @@ def fit(recording: SpeedRecord | StandTable | Run | Path | str) -> Result:
     record = _record(recording)
     try:
         steps, left_out = _steps(record)
-        time_s, speed, blur_s, row_s = record.time_s, record.speed_rad_s, record.blur_s, record.command_row_s
+        time_s, speed, blur_s = record.time_s, record.speed_rad_s, record.blur_s
         found = fit_steps(time_s=time_s, value=speed, steps=steps, blur_s=blur_s, battery=record.battery)
         odd = off_the_map(steps, [one.lag for one in found], [one.accepted for one in found])
         if odd.any():
             left_out += _odd(steps, odd)
             steps = tuple(step for step, off in zip(steps, odd, strict=True) if not off)
             found = fit_steps(time_s=time_s, value=speed, steps=steps, blur_s=blur_s, battery=record.battery)
-        model = fit_rotor_model(
-            time_s=time_s,
-            value=speed,
-            steps=steps,
-            blur_s=blur_s,
-            command_row_s=row_s,
-            battery=record.battery,
-        )
+        starts = _slow_starts(record, found)
+        model = _rotor_model(record, [step for step in steps if step not in starts])
     except CfidError as error:
         raise type(error)(f"{record.path}: {error}") from None
 
-    late_s = hypot(row_s, record.age_s) / 12**0.5  # commands changed, and speeds were read, at any time within a row
+    late_s = (
+        hypot(record.command_row_s, record.age_s) / 12**0.5
+    )  # commands changed, and speeds were read, at any time within a row
     lags = [replace(one, delay_std_s=hypot(one.delay_std_s, late_s)) for one in found]
     model = replace(model, delay_std_s=hypot(model.delay_std_s, late_s))
 
@@ -88,6 +86,7 @@ def fit(recording: SpeedRecord | StandTable | Run | Path | str) -> Result:
             *_supplied(record, lags),
             *(finding for lag in lags for finding in _of_row(lag)),
             *(negative_delay(model.delay_s, model.delay_std_s, _ROWS) if accepted else ()),
+            *_started(starts, lags),
             *lost.values(),
             *_implausible(accepted),
             *(model.findings if accepted else ()),
@@ -124,6 +123,51 @@ def _odd(steps: Sequence[CommandStep], odd: npt.NDArray[np.bool_]) -> tuple[Find
         f"commands (first: command {first.command_from:.0f} to {first.command_to:.0f} at {first.at_s:.4g} s)."
     )
     return (warning("steps-off-the-map", text, "dynamics.*"),)
+
+
+def _rotor_model(record: SpeedRecord, steps: Sequence[CommandStep]) -> RotorModel:
+    return fit_rotor_model(
+        time_s=record.time_s,
+        value=record.speed_rad_s,
+        steps=steps,
+        blur_s=record.blur_s,
+        command_row_s=record.command_row_s,
+        battery=record.battery,
+    )
+
+
+def _slow_starts(record: SpeedRecord, lags: Sequence[StepFit]) -> tuple[CommandStep, ...]:
+    """Return the steps from standstill, if rotors start slower than the model of the steps between speeds says.
+
+    A speed controller that starts a brushless motor follows another law than one that regulates it: one model of both
+    would be neither.
+    """
+    rising = [lag for lag in lags if lag.accepted and lag.rising]
+    starts = [lag for lag in rising if lag.step.command_from == 0]
+    if not starts or len(rising) - len(starts) < _FEWEST_BETWEEN:
+        return ()
+    model = _rotor_model(record, [lag.step for lag in lags if lag.step not in [start.step for start in starts]])
+    slower = 0
+    for lag in starts:
+        at = np.array([1.0, (lag.from_rad_per_s + 3 * lag.to_rad_per_s) / 2])
+        rate, rate_std = float(at @ model.rising), float(np.sqrt(at @ model.covariance[:2, :2] @ at))
+        std = hypot(rate_std, lag.time_constant_std_s / lag.time_constant_s**2)
+        slower += rate * lag.time_constant_s > _SLOWER and rate - 1 / lag.time_constant_s > _SURE * std
+    return tuple(lag.step for lag in starts) if slower > len(starts) / 2 else ()
+
+
+def _started(starts: Sequence[CommandStep], lags: Sequence[StepFit]) -> tuple[Finding, ...]:
+    """Return a warning about slow starts from standstill."""
+    if not starts:
+        return ()
+    rising = [lag for lag in lags if lag.accepted and lag.rising]
+    slow_s = median(lag.time_constant_s for lag in rising if lag.step in starts)
+    between_s = median(lag.time_constant_s for lag in rising if lag.step not in starts)
+    text = (
+        f"the rotor's time constant is {1e3 * slow_s:.0f} ms from standstill, and {1e3 * between_s:.0f} ms between "
+        f"speeds: the rotor model is of the latter, without {counted(len(starts), 'start')}."
+    )
+    return (warning("rotor-starts-slowly", text, "dynamics.rising"),)
 
 
 def _between_rows(record: SpeedRecord) -> tuple[Finding, ...]:
