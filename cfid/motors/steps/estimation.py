@@ -1,7 +1,4 @@
-"""How rotors follow steps of the command: a first-order lag for each step.
-
-The input is speeds, as from a tachometer, `rotor_speed` or the vehicle's own log, or thrust.
-"""
+"""How rotors follow steps of the command: a first-order lag for each step."""
 
 import math
 from collections.abc import Sequence
@@ -77,20 +74,18 @@ def fit_steps(
     time_s: Array,
     value: Array,
     steps: Sequence[CommandStep],
-    thrust_per_speed_squared_n_s2: float | None = None,
     blur_s: float = 0.0,
     battery: LoggedBattery | None = None,
 ) -> tuple[StepFit, ...]:
     """Fit a first-order lag in speed to each step: from, to, time constant and delay, by least squares.
 
-    `value` (n,) at times (n,) is the speed in rad/s (NaN where unknown) or, with `thrust_per_speed_squared_n_s2`, the
-    thrust in N, whose square root is what lags; if that factor is 1, speeds come out as square roots of newtons.
-    `blur_s` is the window from which each speed was read, as by `speed_ridge`. Uncertainties allow for correlated
-    noise. With a `battery`, by the same clock, the time constants are those with a supply of constant voltage.
+    `value` (n,) at times (n,) is the speed in rad/s (NaN where unknown). `blur_s` is the window from which each speed
+    was read, as by `speed_ridge`. Uncertainties allow for correlated noise. With a `battery`, by the same clock, the
+    time constants are those with a supply of constant voltage.
 
     Raises FitError when there is no step, or one with too few samples.
     """
-    data = StepData(time_s, value, steps, thrust_per_speed_squared_n_s2, blur_s)
+    data = StepData(time_s, value, steps, blur_s)
     return tuple(fit for fit, _ in fit_each(data, battery))
 
 
@@ -118,7 +113,7 @@ def _solve(data: StepData, part: Part, sag: Sag | None) -> OptimizeResult:
     begin, end = float(value[: max(sum(time < 0), 1)].mean()), float(after[-max(len(after) // 4, 1) :].mean())
     area_s = (end - after.mean()) / (end - begin) * hold_s if end != begin else hold_s
     tau_s = float(np.clip(area_s, 2 * _QUICKEST * hold_s, hold_s))
-    start = [data.speed(begin), data.speed(end), tau_s, 0.0]
+    start = [begin, end, tau_s, 0.0]
     scale = [max(abs(start[1] - start[0]), 1e-9)] * 2 + [tau_s] * 2
     least = [-math.inf, -math.inf, _QUICKEST * hold_s, -BEFORE * hold_s]
     most = [math.inf, math.inf, _SLOWEST * hold_s, hold_s / 2]

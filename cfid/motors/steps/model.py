@@ -1,6 +1,5 @@
 """A rotor that follows steps of its command, by the rotor model, and what a measurement of it would show."""
 
-import math
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
@@ -110,29 +109,21 @@ class Part(NamedTuple):
 
 
 class StepData:
-    """The measured values, cut into steps, and how a speed would have shown in them."""
+    """The measured speeds, cut into steps, and how a lag would have shown in them."""
 
-    def __init__(
-        self, time_s: Array, value: Array, steps: Sequence[CommandStep], factor: float | None, blur_s: float
-    ) -> None:
-        """Cut values (n,) at times (n,) into steps; see `fit_steps`. Raises FitError for none, or one too short."""
+    def __init__(self, time_s: Array, value: Array, steps: Sequence[CommandStep], blur_s: float) -> None:
+        """Cut speeds (n,) at times (n,) into steps; see `fit_steps`. Raises FitError for none, or one too short."""
         if not steps:
             raise FitError("no step of the command: there is nothing that a rotor could have followed.")
-        self._factor, self._blur_s = factor, blur_s
+        self._blur_s = blur_s
         self._sizes = np.sort(np.abs(value[np.isfinite(value)]))
         self.parts = [_part(time_s, value, step) for step in steps]
 
-    def speed(self, value: float) -> float:
-        """Return the speed that a value stands for."""
-        return value if self._factor is None else math.sqrt(max(value / self._factor, 0.0))
-
     def shown(self, part: Part, lag: Lag) -> Array:
-        """Return the values (n,) that a lag would have shown at the times of a step."""
-        if self._blur_s > 0:
-            speed = _WEIGHTS @ lag.speed(part.time_s + self._blur_s / 2 * _NODES[:, np.newaxis]) / _WEIGHTS.sum()
-        else:
-            speed = lag.speed(part.time_s)
-        return np.asarray(speed if self._factor is None else self._factor * speed**2)
+        """Return the speeds (n,) that a lag would have shown at the times of a step."""
+        if self._blur_s == 0:
+            return lag.speed(part.time_s)
+        return np.asarray(_WEIGHTS @ lag.speed(part.time_s + self._blur_s / 2 * _NODES[:, np.newaxis]) / _WEIGHTS.sum())
 
     def rounding_step(self, part: Part) -> float:
         """Return the increment to which the values of a step are rounded, almost 0 where they are not."""

@@ -32,7 +32,7 @@ class RotorModel:
 
     `rising` and `falling` are (linear in 1/s, quadratic in 1/rad), NaN where no step went that way. A coefficient at
     its bound, zero, has no standard uncertainty (NaN). `covariance` (4, 4) is that of both, rising first, and zero
-    where there is none. `rms` is that of the residuals, in the unit of the fitted values.
+    where there is none. `rms` is that of the residuals, in rad/s.
     """
 
     rising: tuple[float, float]
@@ -57,7 +57,6 @@ def fit_rotor_model(
     time_s: Array,
     value: Array,
     steps: Sequence[CommandStep],
-    thrust_per_speed_squared_n_s2: float | None = None,
     blur_s: float = 0.0,
     command_row_s: float = 0.0,
     battery: LoggedBattery | None = None,
@@ -74,7 +73,7 @@ def fit_rotor_model(
     each step begins and to which it leads. Where commands are known in rows `command_row_s` apart, each step has its
     own delay, which differs from the common one by as much as a change within a row makes it. See `fit_steps`.
     """
-    data = StepData(time_s, value, steps, thrust_per_speed_squared_n_s2, blur_s)
+    data = StepData(time_s, value, steps, blur_s)
     lags, noises = zip(*fit_each(data, battery), strict=True)
     measured = np.concatenate([part.value for part in data.parts])
     noise_std = _noise_std(data.parts, noises) if command_row_s else np.empty(0)
