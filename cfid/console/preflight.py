@@ -11,7 +11,7 @@ from cfid.console.preflight_lines import angle_steps, force_steps, sends_lines
 from cfid.counted import counted
 from cfid.estimate.battery_endurance import CELL_MAH, Held, endurance
 from cfid.estimate.held_readings import rows_a_reading
-from cfid.estimate.signal_quality import SignalQuality, signal_quality
+from cfid.estimate.signals import SignalQuality, signal_quality
 from cfid.records.run import DeviceRecord
 from cfid.rig.check import DeviceAnswer, State
 from cfid.rig.recorder import Sampled

@@ -103,7 +103,7 @@ def _angle_view(device: str, record: "AngleRecord") -> View:
     from cfid.findings import texts
 
     def draw() -> "Figure":
-        from cfid.drawing.angle import recording_figure
+        from cfid.drawing.recordings import recording_figure
 
         return recording_figure(record, title=record.name)
 
@@ -122,11 +122,11 @@ def _angle_view(device: str, record: "AngleRecord") -> View:
 
 
 def _wrench_view(device: str, record: "WrenchRecord") -> View:
-    from cfid.estimate.blocks import block_means
+    from cfid.estimate.signals import block_means
     from cfid.findings import texts
 
     def draw() -> "Figure":
-        from cfid.drawing.wrench import wrench_figure
+        from cfid.drawing.recordings import wrench_figure
 
         return wrench_figure(record, title=record.name)
 
@@ -265,7 +265,7 @@ def _series_view(series: "Series", *, title: str, notes: tuple[str, ...]) -> Vie
     first = next((one.name for one in series.columns if one.unit), next(iter(columns)))
 
     def draw() -> "Figure":
-        from cfid.drawing.device import device_figure
+        from cfid.drawing.recordings import device_figure
 
         drawn = {name: values[::step] for name, values in columns.items()}
         axis = "row" if series.time_s is None else "time (s)"

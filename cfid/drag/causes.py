@@ -17,7 +17,7 @@ from cfid.estimate.common_causes import (
     linearity,
     tachometer_scales,
 )
-from cfid.estimate.rotation import rotation_about_z, turn_about_z
+from cfid.recordings.wrench import rotation_about_z, turn_about_z
 from cfid.records.rig_file import RigFacts
 
 Array = npt.NDArray[np.float64]

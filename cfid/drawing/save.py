@@ -2,12 +2,12 @@
 
 import io
 import re
-import struct
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from matplotlib.figure import Figure
+from PIL import Image
 
 from cfid.drawing.style import styled
 from cfid.errors import ConfigError
@@ -16,9 +16,6 @@ from cfid.version import __version__
 
 PNG_DPI = 150
 
-_MAKER = "cfid"
-_PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-_HEAD_BYTES = 4096  # both formats name their creator near the start
 # matplotlib's own prologue: a drawing program that edits our SVG keeps the creator's name but not these lines, and
 # the file is then somebody's work.
 _OUR_SVG = re.compile(
@@ -37,17 +34,25 @@ def save_figure(figure: Figure, stem: Path, *, force: bool = False) -> list[Path
     Raises ConfigError when a file of that name was not written by cfid and `force` is not set, when it belongs to a
     run, or when the folder cannot be written.
     """
-    maker = f"{_MAKER} {__version__}"
+    maker, contents = f"cfid {__version__}", dict[Path, bytes]()
     with _laid_out(figure):
-        contents = {
-            stem.with_name(stem.name + ".png"): _rendered(figure, "png", {"Software": maker}),
-            stem.with_name(stem.name + ".svg"): _rendered(figure, "svg", {"Creator": maker, "Date": None}),
-        }
+        for kind, metadata in (("png", {"Software": maker}), ("svg", {"Creator": maker, "Date": None})):
+            content = io.BytesIO()
+            figure.savefig(content, format=kind, dpi=PNG_DPI, metadata=metadata)
+            contents[stem.with_name(f"{stem.name}.{kind}")] = content.getvalue()
     try:
-        _refuse_foreign(contents, force=force)
+        for path in contents:
+            if path.exists() and _made_by_cfid(path):
+                continue
+            refuse_kept(path)
+            if path.exists() and not force:
+                raise ConfigError(
+                    f"{path}: exists already and cfid did not draw it. "
+                    "Use `force` to replace it, or `out` to write elsewhere."
+                )
         stem.parent.mkdir(parents=True, exist_ok=True)
-        for path, content in contents.items():
-            write_whole(path, content)
+        for path, drawn in contents.items():
+            write_whole(path, drawn)
     except OSError as error:
         raise ConfigError(f"{stem}.png: no figure can be written there: {error.strerror}.") from None
     return list(contents)
@@ -69,40 +74,13 @@ def _laid_out(figure: Figure) -> Iterator[None]:
         figure.dpi = dpi
 
 
-def _rendered(figure: Figure, kind: str, metadata: dict[str, str | None]) -> bytes:
-    content = io.BytesIO()
-    figure.savefig(content, format=kind, dpi=PNG_DPI, metadata=metadata)
-    return content.getvalue()
-
-
-def _refuse_foreign(paths: Iterable[Path], *, force: bool) -> None:
-    for path in paths:
-        if path.exists() and _made_by_cfid(path):
-            continue
-        refuse_kept(path)
-        if path.exists() and not force:
-            raise ConfigError(
-                f"{path}: exists already and cfid did not draw it. "
-                "Use `force` to replace it, or `out` to write elsewhere."
-            )
-
-
 def _made_by_cfid(path: Path) -> bool:
     check_regular(path)
-    with path.open("rb") as file:
-        head = file.read(_HEAD_BYTES)
-    if head.startswith(_PNG_SIGNATURE):
-        return _png_text(head, b"Software").startswith(f"{_MAKER} ".encode())
-    return _OUR_SVG.match(head) is not None
-
-
-def _png_text(head: bytes, keyword: bytes) -> bytes:
-    """Return a PNG's text with this keyword, else b""; chunks consist of length, kind, content and checksum."""
-    at = len(_PNG_SIGNATURE)
-    while at + 8 <= len(head):
-        length, kind = struct.unpack_from(">I4s", head, at)
-        name, _, text = head[at + 8 : at + 8 + length].partition(b"\0")
-        if kind == b"tEXt" and name == keyword:
-            return text
-        at += length + 12
-    return b""
+    if path.suffix == ".svg":
+        with path.open("rb") as file:
+            return _OUR_SVG.match(file.read(4096)) is not None
+    try:
+        with Image.open(path, formats=["PNG"]) as image:
+            return str(image.info.get("Software", "")).startswith("cfid ")
+    except (OSError, SyntaxError):  # no image, or a damaged one
+        return False

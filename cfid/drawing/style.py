@@ -7,7 +7,7 @@ with any matplotlibrc of the user.
 import functools
 import textwrap
 from collections.abc import Callable, Sequence
-from typing import Any, Literal, ParamSpec, TypeVar
+from typing import Any, Literal, NamedTuple, ParamSpec, TypeVar
 
 import matplotlib.style
 import numpy as np
@@ -43,6 +43,7 @@ KEY_IN = 0.12  # height of a row with only a legend
 _GRID = "#DDDDDD"
 _LINE_IN = 0.165
 _CHARACTERS = 112  # in a line of text across the page
+_MANY_PERIODS, _SHOWN_PERIODS = 25, 5  # of a record: more than the former are one dark bar
 _MOST_POINTS = 4000  # of a drawn line: two extremes for every dot across a printed page
 
 STYLE = {
@@ -111,9 +112,9 @@ def figure(
     Above the grid are the title, then wrapped `rejections` in red and `notes` in grey; the page grows with them. Texts
     are printed literally, so that a dollar sign in a file's name starts no formula.
     """
-    head = [(line, INK, "bold") for line in _wrapped(title, 84)]
-    head += [(line, ALERT, "normal") for text in rejections for line in _wrapped(text, _CHARACTERS)]
-    head += [(line, MUTED, "normal") for note in notes for line in _wrapped(f"Note: {note}", _CHARACTERS)]
+    head = [(line, INK, "bold") for line in textwrap.wrap(title, 84)]
+    head += [(line, ALERT, "normal") for text in rejections for line in textwrap.wrap(text, _CHARACTERS)]
+    head += [(line, MUTED, "normal") for note in notes for line in textwrap.wrap(f"Note: {note}", _CHARACTERS)]
     head_in = _LINE_IN * len(head) + (0.15 if head else 0.0)
     height_in = sum(heights_in) + head_in
     page = Figure(figsize=(PAGE_WIDTH_IN, height_in))
@@ -193,13 +194,33 @@ def draw_line(axes: Axes, x: Array, y: Array, *, factor: float = 1.0, **how: Any
     axes.plot(*(np.concatenate(each) for each in zip(*pieces, strict=True)), **how)
 
 
+class Piece(NamedTuple):
+    """A panel's axes and the samples that they show."""
+
+    axes: Axes
+    samples: slice
+
+
+def pieces(page: Figure, grid: GridSpec, row: int, time_s: Array, *, period_s: float) -> list[Piece]:
+    """Return axes for a whole record (n,), or a pair of axes for its first and its last periods.
+
+    They fill one row of a grid with two columns. The pair shares a vertical axis; the second has no labels of its own.
+    """
+    if time_s[-1] - time_s[0] <= _MANY_PERIODS * period_s:
+        return [Piece(page.add_subplot(grid[row, :]), slice(None))]
+    left = page.add_subplot(grid[row, 0])
+    right = page.add_subplot(grid[row, 1], sharey=left)
+    right.tick_params(labelleft=False, left=False)
+    right.spines.left.set_linestyle((0, (2, 3)))
+    shown = _SHOWN_PERIODS * period_s
+    early = int(np.searchsorted(time_s, time_s[0] + shown, side="right"))
+    late = int(np.searchsorted(time_s, time_s[-1] - shown))
+    return [Piece(left, slice(None, early)), Piece(right, slice(late, None))]
+
+
 def _extremes(y: Array, edges: npt.NDArray[np.intp], pick: np.ufunc) -> npt.NDArray[np.intp]:
     """Return the first extreme sample of each segment between edges."""
     extreme = np.repeat(pick.reduceat(y, edges), np.diff(np.append(edges, len(y))))
     at = np.flatnonzero(y == extreme)
     _, first = np.unique(np.searchsorted(edges, at, side="right"), return_index=True)
     return at[first]
-
-
-def _wrapped(text: str, characters: int) -> list[str]:
-    return textwrap.wrap(text, characters)

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from cfid.findings import Finding, note
+from cfid.findings import note
 from cfid.quantities.registry import Shape, find
 from cfid.records.covariances import Covariance, numbers_of, shaped_as
 from cfid.records.parameters import Parameter, plain
@@ -52,8 +52,8 @@ def torque_scales(rigs: Sequence[RigFacts]) -> dict[Cause, float]:
 
 def gain(rigs: Sequence[RigFacts], *axes: str) -> Cause:
     """Return as one cause the gain of axes of the rigs' load cells, for axes with a common error."""
-    places = [AXES.index(axis) for axis in axes]
-    stds = [None if (each := rig.loadcell.gain_std) is None else max(each[place] for place in places) for rig in rigs]
+    stated = [rig.loadcell.gain_std for rig in rigs]
+    stds = [None if std is None else max(std[AXES.index(axis)] for axis in axes) for std in stated]
     return _widest(f"gain of {' and '.join(axes)}", stds)
 
 
@@ -62,10 +62,16 @@ def arm_scales(rigs: Sequence[RigFacts]) -> dict[Cause, float]:
 
     Each rig states its arm.
     """
+
+    def over_arm(cell: LoadCellMount, std: float | None) -> float | None:
+        return None if std is None or cell.arm_mm is None else std / cell.arm_mm
+
     cells = [rig.loadcell for rig in rigs]
-    arm = _widest("arm", [_over_arm(cell, cell.arm_std_mm) for cell in cells])
-    talks = [None if (each := cell.cross_talk_std_nm_per_n) is None else 1e3 * each for cell in cells]
-    talk = _widest("cross-talk of Fz into Tx and Ty", [_over_arm(*one) for one in zip(cells, talks, strict=True)])
+    arm = _widest("arm", [over_arm(cell, cell.arm_std_mm) for cell in cells])
+    talk = _widest(
+        "cross-talk of Fz into Tx and Ty",
+        [None if (part := over_arm(cell, cell.cross_talk_std_nm_per_n)) is None else 1e3 * part for cell in cells],
+    )
     return _powers({gain(rigs, "Tx", "Ty"): 1, linearity(rigs): 1, arm: -1, talk: 1}, rigs)
 
 
@@ -116,9 +122,9 @@ def angles(rigs: Sequence[RigFacts]) -> tuple[Cause, Cause]:
 def moved_by(found: Mapping[str, Parameter], moved: Mapping[str, Parameter]) -> dict[str, Array]:
     """Return the effects of a cause that changes quantities to `moved`, on those with a standard uncertainty."""
     return {
-        key: np.array(numbers_of(key, plain(moved[key].value))) - np.array(numbers_of(key, plain(one.value)))
-        for key, one in found.items()
-        if one.std is not None and key in moved
+        key: np.subtract(numbers_of(key, plain(moved[key].value)), numbers_of(key, plain(quantity.value)))
+        for key, quantity in found.items()
+        if quantity.std is not None and key in moved
     }
 
 
@@ -142,21 +148,27 @@ def with_common_causes(result: Result, *effects: Effects) -> Result:
     A cause without a stated uncertainty has no effect, and a note names it. Quantities without a standard uncertainty
     do not change.
     """
-    together = _joined(effects)
-    unstated = [cause.name for cause in together if cause.std is None]
-    common = {cause.name: moved for cause, moved in together.items() if cause.std}
-    common = {name: {key: one for key, one in moved.items() if np.any(one)} for name, moved in common.items()}
-    common = {name: moved for name, moved in common.items() if moved}
+    together: dict[Cause, dict[str, Array]] = {}
+    for cause, key, numbers in ((c, k, n) for part in effects for c, moved in part.items() for k, n in moved.items()):
+        moved = together.setdefault(cause, {})
+        moved[key] = moved[key] + numbers if key in moved else numbers
+    common = {
+        cause.name: changes
+        for cause, moved in together.items()
+        if cause.std and (changes := {key: numbers for key, numbers in moved.items() if np.any(numbers)})
+    }
+    exact = [cause.name for cause in together if cause.std is None]
+    text = f"taken as exact: {', '.join(exact)}: no standard uncertainty is stated."
     return replace(
         result,
-        quantities={key: _widened(key, one, common) for key, one in result.quantities.items()},
-        covariances=tuple(_with_outer(one, result.quantities, common) for one in result.covariances),
+        quantities={key: _widened(key, quantity, common) for key, quantity in result.quantities.items()},
+        covariances=tuple(_with_outer(block, result.quantities, common) for block in result.covariances),
         common={
             **result.common,
-            **{name: {key: one.tolist() for key, one in moved.items()} for name, moved in common.items()},
+            **{name: {key: numbers.tolist() for key, numbers in moved.items()} for name, moved in common.items()},
         },
         merits={**result.merits, "common_causes": _budget(result.quantities, common)} if common else result.merits,
-        findings=(*result.findings, *_taken_as_exact(unstated)),
+        findings=(*result.findings, *([note("scale-taken-as-exact", text)] if exact else [])),
         lines=(*result.lines, *_lines(result, common)),
     )
 
@@ -170,10 +182,6 @@ def _powers(found: dict[Cause, float], rigs: Sequence[RigFacts]) -> dict[Cause, 
     return found if rigs else {}
 
 
-def _over_arm(cell: LoadCellMount, std_mm: float | None) -> float | None:
-    return None if std_mm is None or cell.arm_mm is None else std_mm / cell.arm_mm
-
-
 def _exponents(key: str, count: int, powers: Powers) -> dict[str, Array]:
     """Return the powers (count,) with which the values of a key depend on each unit."""
     found = find(key)
@@ -182,16 +190,6 @@ def _exponents(key: str, count: int, powers: Powers) -> dict[str, Array]:
         return {found.of: np.ones(count), found.over: -over.astype(np.float64)}
     stated = next((one for pattern, one in powers.items() if fnmatchcase(key, pattern)), {})
     return {unit: np.full(count, float(power)) for unit, power in stated.items()}
-
-
-def _joined(effects: Sequence[Effects]) -> dict[Cause, dict[str, Array]]:
-    found: dict[Cause, dict[str, Array]] = {}
-    for one in effects:
-        for cause, moved in one.items():
-            into = found.setdefault(cause, {})
-            for key, numbers in moved.items():
-                into[key] = into[key] + numbers if key in into else numbers
-    return found
 
 
 def _widened(key: str, quantity: Parameter, common: Mapping[str, Mapping[str, Array]]) -> Parameter:
@@ -258,10 +256,3 @@ def _percent(moved: Array, value: Any, key: str) -> str:
     if len(clear) < len(part):
         return f"up to {text} of a coefficient that is not near 0"
     return text if np.ptp(part) < 1e-9 else f"up to {text} of a coefficient"
-
-
-def _taken_as_exact(unstated: Sequence[str]) -> list[Finding]:
-    if not unstated:
-        return []
-    text = f"taken as exact: {', '.join(unstated)}: no standard uncertainty is stated."
-    return [note("scale-taken-as-exact", text)]

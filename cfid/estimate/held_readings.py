@@ -1,4 +1,8 @@
-"""Distinguish readings that a device repeats in several rows from those of a sensor with coarse steps."""
+"""Distinguish readings that a device repeats in several rows from those of a sensor with coarse steps.
+
+While something moves, a coarse sensor with a reading in each row changes by a step or two; a sensor that is read less
+often than rows are sent stands still and then changes by many.
+"""
 
 from typing import NamedTuple
 
@@ -8,15 +12,12 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
-# In steps of the sensor: a coarse sensor never changes by more in one row after it stood still for some rows.
-_STEPS = 3.0
-_FEWEST, _SHARE = 10, 0.1  # such changes, and their part of all: gaps in rows also cause some
-_OTHERS = 0.1  # of these changes: the part that may follow a single row, as the end of a spike does
+_STEPS = 3.0  # of the sensor: the least change that shows that something moves
 _SAME = 1e-9  # of the range: smaller changes are rounding
-# The part of such changes that follow a single row where each row has its own reading, with noise of a step or more.
-_SINGLE = 0.75
-_LONGEST = 0.9  # the part of the readings that last for this number of rows or fewer
 _ALIKE = 0.7  # of a value: values above this part of it are rounded as it is
+_FEWEST = 10  # pairs of such changes
+_SINGLE = 0.75  # the part of such changes that follow a single row where each row has its own reading
+_LONGEST = 0.9  # the part of the readings that last for this number of rows or fewer
 _LONGEST_S = 0.3  # of readings that show a lag: during longer ones, nothing moves
 
 
@@ -41,82 +42,57 @@ def once_each(time_s: Array, value: Array) -> tuple[Mask, Readings]:
     """
     counts: Mask = np.all(np.atleast_2d(np.isfinite(value).T), axis=0)
     row_s = float(np.median(np.diff(time_s[counts]))) if np.count_nonzero(counts) > 1 else 0.0
-    new = new_rows(value[counts], longest=_LONGEST_S / row_s if row_s else np.inf)
+    readings = value[counts]
+    new = first_rows(readings, rows=rows_a_reading(readings, longest=_LONGEST_S / row_s if row_s else np.inf))
     found = Readings(len(new), int(np.count_nonzero(new)), row_s)
     counts[counts] = new
     return counts, found
 
 
-def rows_a_reading(readings: Array) -> int:
-    """Return the number of rows in which a device repeats each reading (n,), 1 where it does not, or nothing moves.
+def rows_a_reading(readings: Array, *, longest: float = np.inf) -> int:
+    """Return the number of rows in which a device repeats each reading (n,) or (n, k), 1 where it does not.
 
-    While something moves, a coarse sensor that repeated a reading changes by one step; a sensor that is read less often
-    than rows are sent changes by many.
+    It is 1 also where nothing moves. Axes of one sensor (n, k) are read together. Readings count that last from one
+    change by more than steps of the sensor to the next, at most `longest` rows later; where they last unequally, most
+    last no longer than the number returned.
     """
-    changes, by = _changes(readings)
-    if len(changes) < 2:
+    begins, moves = _changes(readings)
+    lasted = np.diff(begins)[moves[:-1] & moves[1:]]
+    lasted = lasted[lasted <= longest]
+    if len(lasted) < _FEWEST or np.mean(lasted == 1) > _SINGLE:
         return 1
-    lasted = np.diff(changes)[by[1:] > _STEPS * by.min()]
-    if len(lasted) < max(_FEWEST, _SHARE * len(changes)) or np.quantile(lasted, _OTHERS) < 2:
-        return 1
-    return int(np.median(lasted))
+    return int(np.quantile(lasted, _LONGEST))
 
 
 def first_rows(readings: Array, *, rows: int) -> Mask:
-    """Return which rows (n,) are the first of a reading that is repeated in about this number of `rows`.
+    """Return which rows (n,) or (n, k) are the first of a reading that is repeated in about this number of `rows`.
 
     A value that lasts several times as long counts as several readings.
     """
-    begin = np.r_[0, _changes(readings)[0]]
-    count = np.maximum(np.rint(np.diff(np.r_[begin, len(readings)]) / rows), 1).astype(int)
+    begin = np.append(0, _changes(readings)[0])[: len(readings)]
+    count = np.maximum(np.rint(np.diff(begin, append=len(readings)) / rows), 1).astype(int)
     place = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-    kept = np.zeros(len(readings), dtype=bool)
-    kept[np.repeat(begin, count) + rows * place] = True
-    return kept
+    first = np.zeros(len(readings), dtype=bool)
+    first[np.repeat(begin, count) + rows * place] = True
+    return first
 
 
-def new_rows(readings: Array, *, longest: float) -> Mask:
-    """Return which rows have a new reading (n,), all rows where nearly each has its own.
+def _changes(readings: Array) -> tuple[npt.NDArray[np.intp], Mask]:
+    """Return the rows (m,) in which any axis changes, and which of the changes exceed steps of the sensor (m,).
 
-    Axes of one sensor (n, k) are read together: a row is new where any of them changes. The number of rows per reading
-    is found from rows in which readings change by more than steps of the sensor, after a similar change at most
-    `longest` rows before: other rows may show a coarse sensor of something steady. A value that lasts longer than
-    readings do is several readings, and the first row of each is new.
+    A step is the least change of an axis among readings of about the same size, as some sensors are coarser for large
+    ones.
     """
-    new, changed, moved = np.zeros((3, len(readings)), dtype=bool)
+    changes, moves = np.zeros((2, len(readings)), dtype=bool)
     for axis in np.atleast_2d(readings.T):
-        rows, by = _changes(axis)
-        changed[rows] = True
-        if len(rows):
-            moved[rows] |= by > _STEPS * _steps(axis)[rows]
-    begins = np.flatnonzero(changed)
-    if len(begins) < _FEWEST:
-        return ~new
-    far = moved[begins]
-    lasted = np.diff(begins)[far[:-1] & far[1:]]
-    lasted = lasted[lasted <= longest]
-    if len(lasted) < _FEWEST or np.mean(lasted == 1) > _SINGLE:
-        return ~new
-    longer = int(np.quantile(lasted, _LONGEST))
-    for first, last in zip([0, *begins], [*begins, len(readings)], strict=True):
-        new[first : max(last - longer, first) + 1 : longer] = True
-    return new
-
-
-def _steps(readings: Array) -> Array:
-    """Return the step (n,) of a sensor at each of its readings (n,); it may be coarser for larger readings."""
-    sizes = np.unique(np.abs(readings))
-    least = max(_SAME * float(sizes[-1]), np.finfo(float).tiny)
-    gaps = np.diff(sizes, append=np.inf)
-    gaps[gaps <= least] = np.inf
-    alike = (np.log(np.maximum(sizes, least)) // -np.log(_ALIKE)).astype(int)
-    smallest = np.full(np.ptp(alike) + 1, np.inf)
-    np.minimum.at(smallest, alike - alike.min(), gaps)
-    return np.asarray(smallest[alike - alike.min()][np.searchsorted(sizes, np.abs(readings))])
-
-
-def _changes(readings: Array) -> tuple[npt.NDArray[np.intp], Array]:
-    """Return the rows (m,) whose reading differs from the previous one, and the size of the change (m,)."""
-    by = np.abs(np.diff(readings))
-    changed = by > _SAME * (np.ptp(readings) if len(readings) else 0.0)
-    return np.flatnonzero(changed) + 1, by[changed]
+        by = np.abs(np.diff(axis))
+        rows = np.flatnonzero(by > _SAME * np.ptp(axis)) + 1 if len(by) else np.zeros(0, dtype=np.intp)
+        if not len(rows):
+            continue
+        size = np.abs(axis[rows])
+        _, alike = np.unique(np.log(np.maximum(size, _SAME * size.max())) // -np.log(_ALIKE), return_inverse=True)
+        step = np.full(alike.max() + 1, np.inf)
+        np.minimum.at(step, alike, by[rows - 1])
+        changes[rows] = True
+        moves[rows] |= by[rows - 1] > _STEPS * step[alike]
+    return np.flatnonzero(changes), moves[changes]

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import brentq, minimize_scalar
+from scipy.optimize import brentq
 from scipy.special import ndtri
 
 from cfid.errors import FitError
@@ -75,8 +75,16 @@ def constrain(
         raise FitError(f"the firmware takes a cubic of motor voltage, and this polynomial has order {free.order}.")
     if _inside(free.coefficients[::-1]) and not _fault(free, max_thrust_n):
         return MonotoneCubic(fit=free, bound=False, departure=0.0, refusal="")
+
+    def bound(margin: float, missed_n: float = 0.0) -> _Bound:
+        return _bound(free.x, thrust_n, std_n, shared_n, margin, missed_n=missed_n)
+
     for margin in _MARGINS:
-        found = _weighed(free.x, thrust_n, std_n, shared_n, margin)
+        found = bound(margin)
+        if std_n is not None and found.excess > 0:  # it misses points by more than their scatter: all weigh more alike
+            most_n = 2 * float(np.max(np.abs(found.fit.residual)))
+            missed_n = brentq(lambda missed_n, margin=margin: bound(margin, missed_n).excess, 0.0, most_n, rtol=1e-3)
+            found = bound(margin, float(missed_n))
         if not (fault := _fault(found.fit, max_thrust_n)):
             break
     departure, refusal = _judge(free, found.fit)
@@ -86,19 +94,6 @@ def constrain(
 
 def _fault(fit: PolynomialFit, max_thrust_n: float | None) -> str:
     return cubic_fault(fit.coefficients[::-1].tolist(), max_thrust_n=max_thrust_n, fall=_FALL)
-
-
-def _weighed(volts: Array, thrust_n: Array, std_n: Array | None, shared_n: Array | None, margin: float) -> "_Bound":
-    """Return the best cubic on the cone's surface; if it misses points by more than their scatter, all weigh alike."""
-
-    def bound(missed_n: float) -> _Bound:
-        return _bound(volts, thrust_n, std_n, shared_n, margin, missed_n=missed_n)
-
-    found = bound(0.0)
-    if std_n is None or found.excess <= 0:
-        return found
-    most = 2 * float(np.max(np.abs(found.fit.residual)))
-    return bound(float(brentq(lambda missed_n: bound(missed_n).excess, 0.0, most, rtol=1e-3)))
 
 
 class _Bound(NamedTuple):
@@ -124,7 +119,7 @@ class _Bound(NamedTuple):
         factor = directions * np.sqrt(np.maximum(sizes, 0.0))
         causes = _independent_causes()
         draws = self.free.coefficients[::-1] * self.cone.powers + causes @ factor.T
-        drawn = np.where(_inside(draws)[:, np.newaxis], draws, self.cone.nearest(draws))
+        drawn = np.where(_inside(draws)[:, np.newaxis], draws, self.cone.nearest(draws)[0])
         # Linear regression on the unconstrained cubic.
         follows = drawn.T @ causes / (_DRAWS - 1) @ np.linalg.pinv(factor)
         own = (follows * self.cone.powers / self.cone.powers[:, np.newaxis])[::-1, ::-1]
@@ -165,59 +160,33 @@ class _Cone:
         self.powers = size ** np.arange(4.0)
         rows = (volts[:, np.newaxis] / size) ** np.arange(4) / std[:, np.newaxis]
         self._triangle = np.asarray(np.linalg.qr(rows, mode="r"))
-        self._surfaces = self._surface(_ANGLES)
-        self._rising = self._felt(self._surfaces)
 
-    def nearest(self, cubics: Array) -> Array:
-        """Return the points (n, 4) of the surface that are nearest to cubics (n, 4), to within the grid of angles.
+    def nearest(self, cubics: Array, angles: Array = _ANGLES) -> tuple[Array, Array]:
+        """Return the points (n, 4) of the surface that are nearest to cubics (n, 4), and their angles (n,) of these.
 
         Where no rising cubic is nearer than a constant, the constant is returned.
         """
-        wanted = cubics @ self._triangle.T
-        best = np.argmax(wanted @ self._rising.T, axis=1)
-        return self._points(wanted, self._surfaces[best], self._rising[best])
+        cosine, sine = np.cos(angles), np.sin(angles)
+        margin = np.maximum(self._margin, np.where(angles < 0, _FLAT_MARGIN, 1e-6))
+        # Cubics on the surface without a constant; the constant changes only the first row, as R is triangular.
+        surface = np.stack([0 * sine, cosine**2, np.sqrt(1 - margin) * cosine * sine, sine**2 / 3], axis=-1)
+        shapes, wanted = surface @ self._triangle.T, cubics @ self._triangle.T
+        rising = shapes * (0.0, 1.0, 1.0, 1.0)
+        rising /= np.linalg.norm(rising, axis=-1, keepdims=True)
+        best = np.argmax(wanted @ rising.T, axis=1)
+        along = np.maximum(np.sum(rising[best] * wanted, axis=1), 0.0)
+        sizes = (along / np.sum(rising[best] * shapes[best], axis=1))[:, np.newaxis]
+        points = sizes * surface[best]
+        points[:, 0] += (wanted - sizes * shapes[best])[:, 0] / self._triangle[0, 0]
+        return points, angles[best]
 
     def nearest_exactly(self, cubic: Array) -> Array:
         """Return the point (4,) of the surface that is nearest to a cubic (4,), as `nearest` does, at any angle."""
-        wanted = self._triangle @ cubic
-        angle = _ANGLES[np.argmax(self._rising @ wanted)]
-        nearby = _ANGLES[np.abs(_ANGLES - angle) < 1.5 * _STEP]
-        found = minimize_scalar(
-            lambda angle: -self._felt(self._surface(angle)) @ wanted,
-            bounds=(float(nearby[0]), float(nearby[-1])),
-            method="bounded",
-            options={"xatol": 1e-9},
-        )
-        surface = self._surface(found.x)
-        return self._points(wanted, surface, self._felt(surface))
-
-    def _points(self, wanted: Array, surfaces: Array, felt: Array) -> Array:
-        """Return the points (..., 4) nearest to R c (..., 4) on rays along surfaces (..., 4), plus any constant."""
-        shapes = surfaces @ self._triangle.T
-        sizes = np.maximum(_products(felt, wanted), 0.0) / _products(felt, shapes)
-        points = sizes[..., np.newaxis] * surfaces
-        points[..., 0] += (wanted - sizes[..., np.newaxis] * shapes)[..., 0] / self._triangle[0, 0]
-        return np.asarray(points)
-
-    def _felt(self, surfaces: Array) -> Array:
-        """Return unit vectors (..., 4): the effect of surface cubics on the points, without that of a constant.
-
-        R is triangular: a constant changes only the first of its rows.
-        """
-        moved = surfaces @ self._triangle.T
-        moved[..., 0] = 0.0
-        return np.asarray(moved / np.linalg.norm(moved, axis=-1, keepdims=True))
-
-    def _surface(self, angles: npt.ArrayLike) -> Array:
-        """Return cubics (..., 4) on the cone's surface at angles (...), without a constant."""
-        cosine, sine = np.cos(angles), np.sin(angles)
-        margin = np.maximum(self._margin, np.where(np.asarray(angles) < 0, _FLAT_MARGIN, 1e-6))
-        parts = (np.zeros_like(cosine), cosine**2, np.sqrt(1 - margin) * cosine * sine, sine**2 / 3)
-        return np.stack(parts, axis=-1)
-
-
-def _products(a: Array, b: Array) -> Array:
-    return np.asarray(np.sum(a * b, axis=-1))
+        angles = _ANGLES
+        for width in (_STEP, _STEP / 100, _STEP / 1e4):
+            angle = float(self.nearest(cubic[np.newaxis], angles)[1][0])
+            angles = np.linspace(max(angle - width, angles[0]), min(angle + width, angles[-1]), 201)
+        return np.asarray(self.nearest(cubic[np.newaxis], angles)[0][0])
 
 
 def _independent_causes() -> Array:

@@ -1,4 +1,10 @@
-"""Fit polynomials to measured points: coefficients with uncertainties, bands, and the order that the points support."""
+"""Fit polynomials to measured points: coefficients with uncertainties, bands, and the order that the points support.
+
+`scattered_std` increases the points' uncertainties by their scatter about a curve. `joint_covariance` is that of
+several fits to the same points: each coefficient is a weighted sum of the points, so two fits covary if the errors of
+their points do. Thrust over command and thrust over voltage share the thrust's error, thrust over command and thrust
+over speed may not. The residuals show this (seemingly unrelated regressions [Zel]).
+"""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -22,6 +28,9 @@ _MEAN_SQUARE = 0.7101645  # of normal noise with standard deviation 1, clipped t
 _ROUNDS, _SETTLED = 100, 1e-9
 _DEPENDENT = 1e-10  # ratio of the smallest to the largest diagonal entry of R for columns that are linearly dependent
 _ROUNDING = 1e-12  # of the values: a smaller misfit counts as none
+_SHARES = np.append(0.0, np.geomspace(5e-4, 0.05, 7))  # of the curve: the proportional scatters that are tried
+_FEWEST = 3  # degrees of freedom that determine a scatter's form, or a correlation between two fits
+_APART = 0.34  # weight of Huber's loss: points four standard uncertainties off are left out of the scatter's form
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,12 +122,11 @@ def fit_polynomial(
     y: Array,
     *,
     order: int,
-    through_zero: bool = False,
     std: Array | None = None,
     shared: Array | None = None,
     robust: bool = False,
 ) -> PolynomialFit:
-    """Fit a polynomial to points x, y (n,), in its units; `through_zero` leaves out the constant.
+    """Fit a polynomial to points x, y (n,), in its units.
 
     `std` (n,) is the standard uncertainty of each y. It contains the noise within a window; what changes between
     windows (drift, a sagging battery, a shape that is not a polynomial) only shows in the scatter of the points about
@@ -133,7 +141,7 @@ def fit_polynomial(
 
     Raises FitError when the points cannot determine the coefficients.
     """
-    return _fit(x, y, powers=range(order, -1 + through_zero, -1), std=std, shared=shared, robust=robust)
+    return _fit(x, y, powers=range(order, -1, -1), std=std, shared=shared, robust=robust)
 
 
 def fit_power(
@@ -201,13 +209,11 @@ def _fit(
     coefficients[places] = solved.solution * units
     by_point = np.zeros((order + 1, len(x)))
     by_point[places] = gain * units[:, np.newaxis] / given
-    moved = np.zeros((order + 1, len(x) + (0 if shared is None or std is None else shared.shape[1])))
-    if shared is None or std is None:
-        moved[places] = gain
-    else:
-        parts = shared / given[:, np.newaxis]
-        alone = np.sqrt(np.maximum(1 - np.sum(parts**2, axis=1), 0.0))
-        moved[places] = np.hstack([gain * alone, gain @ parts])
+    # Per standard deviation of each point: what it shares with others, and the rest.
+    parts = np.zeros((len(x), 0)) if shared is None or std is None else shared / given[:, np.newaxis]
+    alone = np.sqrt(np.maximum(1 - np.sum(parts**2, axis=1), 0.0))
+    moved = np.zeros((order + 1, len(x) + parts.shape[1]))
+    moved[places] = np.hstack([gain * alone, gain @ parts])
     few = 1.0
     if std is None and robust and freedom:
         # With a scatter estimated from few points, 1.96 standard uncertainties cover 95 % only if these are increased.
@@ -302,3 +308,101 @@ def _aicc(solved: _Solved, y: Array, unknowns: int) -> float:
     loss = float(cut @ (2 * size - cut))  # quadratic up to the cutoff, linear beyond
     floor = (_ROUNDING * float(np.linalg.norm(y))) ** 2 + np.finfo(np.float64).tiny
     return float(count * math.log((loss + floor) / count) + 2 * taken * (1 + (taken + 1) / (count - taken - 1)))
+
+
+def scattered_std(x: Array, y: Array, std: Array, *, order: int, robust: bool) -> Array:
+    """Return the standard uncertainties (n,) of points: `std` (n,), increased by their scatter about a polynomial.
+
+    The variance is v (std^2 + share^2 y^2), with the curve y and v of at least 1; both come from the restricted
+    likelihood (H. D. Patterson, R. Thompson, Recovery of inter-block information when block sizes are unequal,
+    Biometrika 58, 1971). An uncertainty estimated from few points is increased so that 1.96 times it covers 95 %
+    (Student's t). Points that scatter hardly more than stated keep their uncertainties.
+    """
+    if len(x) < order + 1 + _FEWEST:
+        return std
+    first = fit_polynomial(x, y, order=order, std=std, robust=robust)
+    kept = first.weight > _APART
+    if first.inflation is None or kept.sum() < order + 1 + _FEWEST:
+        return std
+    if first.inflation**2 <= 1 + math.sqrt(2 / first.degrees_of_freedom):  # within the scatter by chance
+        return std
+    curve = np.abs(first.at(x))
+    tried = [np.hypot(std, share * curve) for share in _SHARES]
+
+    def deviance(each: Array) -> float:
+        return _deviance(fit_polynomial(x[kept], y[kept], order=order, std=each[kept]), each[kept])
+
+    best = min(tried, key=deviance)
+    found = fit_polynomial(x, y, order=order, std=best, robust=robust)
+    return np.asarray(best * widened(found.inflation or 1.0, first.degrees_of_freedom))
+
+
+def _deviance(fit: PolynomialFit, std: Array) -> float:
+    """Return minus twice the logarithm of the restricted likelihood of points with these uncertainties (n,)."""
+    variance = (fit.inflation or 1.0) ** 2
+    size = fit.residual / (std * np.sqrt(variance))
+    used = np.diag(fit.covariance) > 0
+    determined = np.linalg.slogdet(fit.covariance[np.ix_(used, used)] / variance)[1]
+    return float(fit.degrees_of_freedom * np.log(variance) + size @ size + 2 * np.sum(np.log(std)) - determined)
+
+
+class PointFit(NamedTuple):
+    """A fit, and the parts of all N windows in each of its points (n, N), in units of their standard deviations."""
+
+    fit: PolynomialFit
+    windows: Array
+
+
+def joint_covariance(fits: Sequence[PointFit]) -> Array:
+    """Return the covariance (p, p) of the coefficients of several fits, one fit after the other.
+
+    Within a fit, it is the fit's own. Between two fits, it uses the correlation of their points' errors from the
+    residuals, zero if too few points are in both, and adds the errors that points share (a tare): these causes have to
+    be the same in the same order, in all fits that have any. Windows that the first fit does not use do not correlate
+    other fits.
+    """
+    known = np.any(fits[0].windows, axis=0)
+    alone = [one.fit.moved[:, : len(one.fit.x)] @ (one.windows * known) for one in fits]
+    shared = [one.fit.moved[:, len(one.fit.x) :] for one in fits]
+    correlation = _correlations([PointFit(one.fit, one.windows * known) for one in fits])
+    blocks = []
+    for i, one in enumerate(fits):
+        row = []
+        for j in range(len(fits)):
+            causes = min(shared[i].shape[1], shared[j].shape[1])
+            between = correlation[i, j] * alone[i] @ alone[j].T + shared[i][:, :causes] @ shared[j][:, :causes].T
+            row.append(one.fit.covariance if i == j else between)
+        blocks.append(row)
+    return np.block(blocks)
+
+
+def _correlations(fits: Sequence[PointFit]) -> Array:
+    """Return the correlations (k, k) of the errors of the fits' points, as the nearest possible correlation matrix."""
+    found = np.eye(len(fits))
+    for i, one in enumerate(fits):
+        for j, other in enumerate(fits[:i]):
+            found[i, j] = found[j, i] = _correlation(one, other)
+    sizes, directions = np.linalg.eigh(found)
+    possible = directions * np.maximum(sizes, 0.0) @ directions.T
+    unit = np.sqrt(np.diag(possible))
+    return np.asarray(possible / np.outer(unit, unit))
+
+
+def _correlation(one: PointFit, other: PointFit) -> float:
+    """Return the correlation of the errors of two fits' points, 0 where it is unknown.
+
+    The residuals r = M e of a fit have fewer degrees of freedom than errors e. Where errors correlate by rho W, the
+    residuals' product r1' W r2 is rho trace(W' M1 W M2') on average.
+    """
+    overlap = one.windows @ other.windows.T
+    left, right = (np.eye(len(each.fit.x)) - each.fit.hat for each in (one, other))
+    freedom = float(np.sum((left @ overlap) * (overlap @ right)))
+    first, second = (each.fit.weight * each.fit.residual / each.fit.point_std for each in (one, other))
+    variances = [
+        part @ part / max(each.fit.degrees_of_freedom, 1)
+        for part, each in zip((first, second), (one, other), strict=True)
+    ]
+    size = math.sqrt(math.prod(variances))
+    if not (freedom >= _FEWEST and size > 0):  # also false for NaN
+        return 0.0
+    return float(np.clip(first @ overlap @ second / freedom / size, -1.0, 1.0))

@@ -1,4 +1,4 @@
-"""Process sampled signals of any kind: half-swings, means among lines and spikes, spectra, correlated noise."""
+"""Process sampled signals of any kind: blocks, half-swings, means among lines and spikes, spectra, correlated noise."""
 
 import math
 from typing import NamedTuple
@@ -10,19 +10,17 @@ from numpy.polynomial import Polynomial
 from scipy.special import fdtri
 
 from cfid.errors import DataError
-from cfid.estimate.propagation import widened
+from cfid.estimate.propagation import widening
 from cfid.large import stored
 from cfid.lazy import later
 
 _next_fast_len = later("scipy.fft", "next_fast_len")  # imported only where a fit computes a spectrum
 _prev_fast_len = later("scipy.fft", "prev_fast_len")
 
-GRID_S = 0.004  # the thesis' sampling time, eq. 2.15
-
-
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 
+GRID_S = 0.004  # the thesis' sampling time, eq. 2.15
 SMOOTHED_S = 0.05  # leaves frequencies up to 20 Hz
 
 _SMOOTH_HZ = 100.0
@@ -34,6 +32,21 @@ _LEAST_RATE_HZ = 2.0  # far below the rate of any angle that can be fitted
 _TAPER, _TAPER_S = 0.2, 0.05
 _DRAWN = 64
 _WILD = 6 / 1.645
+_MAINS_HZ = (50.0, 60.0)
+_DRIFT_BLOCKS = 20  # their scatter about a line gives the uncertainty of the drift
+_LOWEST_HZ = 5.0  # of a line: slower changes are drift
+_WIDTH_HZ, _WIDTH_BINS = 0.5, 2  # the tolerance of mains frequency; half the width of a line in the spectrum
+_CLEAR = 5.0  # times the spectrum's median: noise alone stays below that
+
+
+def block_means(value: Array, *, length: int) -> Array:
+    """Return the means of consecutive blocks of `length` samples along the last axis, without an incomplete one.
+
+    This thins a record without aliasing fast changes.
+    """
+    blocks = value.shape[-1] // length
+    cut = value[..., : blocks * length].reshape(*value.shape[:-1], blocks, length)
+    return np.asarray(cut @ np.full(length, 1 / length))
 
 
 def check_dense(time_s: Array) -> None:
@@ -181,12 +194,21 @@ def detrended(value: Array) -> tuple[Array, Array]:
 
 
 class Mean(NamedTuple):
-    """The mean of a window (...), its standard uncertainty (1.96 cover 95 %), slope a second, effective samples."""
+    """The mean of a window (...), its slope a second, and the number of independent samples with this uncertainty.
+
+    `scatter_std` is estimated from the window with a number of degrees of freedom; 1.96 times `std` cover 95 %.
+    """
 
     value: Array
-    std: Array
+    scatter_std: Array
+    freedom: Array
     slope: Array
     effective_samples: Array
+
+    @property
+    def std(self) -> Array:
+        """The standard uncertainty of the mean, increased for its few degrees of freedom."""
+        return np.asarray(widening(self.freedom) * self.scatter_std)
 
 
 def quiet_mean(value: Array, *, rate_hz: float) -> Mean:
@@ -203,15 +225,54 @@ def quiet_mean(value: Array, *, rate_hz: float) -> Mean:
     if not freedom.all():
         freedom = np.full_like(freedom, count - 1)
         density = value.var(axis=-1, ddof=1) / rate_hz
-    wider = np.reshape([widened(1.0, int(each)) for each in freedom.flat], freedom.shape)
-    std = np.sqrt(density * rate_hz * (weights @ weights))
-    return Mean(value @ weights, wider * std, slope * rate_hz, effective_samples(value, std_of_mean=std))
-
-
-def effective_samples(value: Array, *, std_of_mean: Array) -> Array:
-    """Return the number of independent samples, at most all (..., n), whose mean has this uncertainty (...)."""
+    variance = density * rate_hz * (weights @ weights)
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(np.fmin(value.var(axis=-1) / std_of_mean**2, value.shape[-1]))
+        samples = np.fmin(value.var(axis=-1) / variance, count)
+    return Mean(value @ weights, np.sqrt(variance), freedom.astype(np.float64), slope * rate_hz, samples)
+
+
+class SignalQuality(NamedTuple):
+    """A signal under constant load, in its unit: a sample's noise, the change over the record, and amplitudes of lines.
+
+    `noise_std` is about a straight line. `mains` is the largest amplitude at 50 or 60 Hz, `line` the largest of all
+    other lines above 5 Hz; a frequency is NaN where no line stands out from the noise.
+    """
+
+    noise_std: float
+    drift: float
+    drift_std: float
+    mains_hz: float
+    mains: float
+    line_hz: float
+    line: float
+
+
+def signal_quality(signal: Array, *, rate_hz: float) -> SignalQuality:
+    """Judge a signal (n,) of a constant load at `rate_hz`; needs a second or more, and at least 64 samples."""
+    place = np.linspace(-0.5, 0.5, len(signal))
+    means = block_means(signal, length=len(signal) // _DRIFT_BLOCKS)
+    at = np.linspace(-0.5, 0.5, len(means))
+    drift, middle = np.polyfit(at, means, 1)
+    off = means - np.polyval((drift, middle), at)
+    drift_std = float(np.sqrt(off @ off / (len(means) - 2) / (at @ at)))
+    residual = signal - np.polyval((drift, middle), place)
+    window = np.hanning(len(residual))
+    amplitude = 2 * np.abs(np.fft.rfft(residual * window)) / window.sum()
+    frequency_hz = np.asarray(np.fft.rfftfreq(len(residual), 1 / rate_hz), np.float64)
+    width_hz = max(_WIDTH_HZ, _WIDTH_BINS * rate_hz / len(residual))
+    hum = np.min(np.abs(frequency_hz[:, np.newaxis] - np.array(_MAINS_HZ)), axis=1) <= width_hz
+    mains = _largest(frequency_hz, amplitude, hum)
+    others = _largest(frequency_hz, amplitude, ~hum & (frequency_hz >= _LOWEST_HZ))
+    return SignalQuality(float(residual.std()), float(drift), drift_std, *mains, *others)
+
+
+def _largest(frequency_hz: Array, amplitude: Array, among: npt.NDArray[np.bool_]) -> tuple[float, float]:
+    """Return frequency and amplitude of the strongest line among some bins; NaN and 0 without bins."""
+    if not among.any():
+        return float("nan"), 0.0
+    best = int(np.argmax(np.where(among, amplitude, -1.0)))
+    clear = amplitude[best] > _CLEAR * np.median(amplitude)
+    return float(frequency_hz[best]) if clear else float("nan"), float(amplitude[best])
 
 
 class Runs(NamedTuple):

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import ndtri, stdtrit
 
-from cfid.estimate.repetition import Repeats, repeats
+from cfid.estimate.propagation import Repeats, repeats
 from cfid.fleet.summary import KnownValue, Summary
 
 Array = npt.NDArray[np.float64]

@@ -21,7 +21,7 @@ import numpy.typing as npt
 from scipy.optimize import nnls
 from scipy.signal import lfilter
 
-from cfid.estimate.blocks import block_means
+from cfid.estimate.signals import block_means
 from cfid.findings import Finding, warning
 from cfid.flight.data import FlownLog
 from cfid.flight.estimation import FlightFit, fit_alone

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cfid.estimate.blocks import block_means
 from cfid.estimate.linear import gain_of, sandwich
+from cfid.estimate.signals import block_means
 from cfid.flight.likelihood import whitening, without
 from cfid.flight.model import FlightEquation
 from cfid.flight.rows import ROW_S, Flight, segments

@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import FitError
-from cfid.estimate.blocks import block_means
 from cfid.estimate.linear import gain_of, std_of
+from cfid.estimate.signals import block_means
 from cfid.flight.crossing import crossing_of
 from cfid.flight.equations import DELAYS, LAGS, THRUST, TURNS, Equations, fitted_in
 from cfid.flight.likelihood import without

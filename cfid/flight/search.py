@@ -8,8 +8,8 @@ import numpy.typing as npt
 from scipy.optimize import OptimizeResult, least_squares
 
 from cfid.errors import FitError
-from cfid.estimate.blocks import block_means
 from cfid.estimate.linear import gain_of
+from cfid.estimate.signals import block_means
 from cfid.flight.equations import DELAY_S, LAGS, THRUST, TURNS, Equations
 from cfid.flight.likelihood import without
 from cfid.flight.model import FlightEquation

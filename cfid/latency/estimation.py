@@ -8,9 +8,8 @@ import numpy.typing as npt
 from scipy.special import chdtrc
 
 from cfid.errors import FitError
-from cfid.estimate.blocks import block_means
 from cfid.estimate.propagation import widened
-from cfid.estimate.signals import correlation_inflation
+from cfid.estimate.signals import block_means, correlation_inflation
 
 FEW_EFFECTIVE = 200.0  # from there on, the correlation itself is known well enough
 _PARTS = 10  # of a record, whose means show what wanders too slowly for neighbours to show it

@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import CfidError
-from cfid.estimate.staircase import mean_in_windows, reduce_staircase
-from cfid.estimate.staircase_points import Point, Staircase
+from cfid.estimate.staircase import Point, Staircase, mean_in_windows, reduce_staircase
 from cfid.findings import Finding, warning
 from cfid.large import empty
 from cfid.recordings.vehicle import (

@@ -12,10 +12,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from cfid.drawing.numbers import plus_minus
+from cfid.drawing.recordings import MEAN_S
 from cfid.drawing.style import ALERT, INK, MODEL, RECORDED, RECORDED_BELOW, WINDOW, draw_line, name_panel
-from cfid.drawing.wrench import MEAN_S
 from cfid.estimate.polynomials import PolynomialFit
-from cfid.estimate.staircase_points import Level, Point, Staircase
+from cfid.estimate.staircase import Level, Point, Staircase
 from cfid.units import FULL_COMMAND
 
 Array = npt.NDArray[np.float64]

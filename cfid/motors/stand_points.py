@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from cfid.estimate.staircase import FZ, reduce_staircase
-from cfid.estimate.staircase_points import Point, Staircase
+from cfid.estimate.staircase import FZ, Point, Staircase, reduce_staircase
 from cfid.large import chosen_rows, some_steps, stored
 from cfid.motors.points import MotorPoints
 from cfid.units import ROTOR_TURNS

@@ -4,6 +4,7 @@ Each column states its unit, in its name or by an option: a unit of force or tor
 that ATI's demo program writes above its table, state how many counts a unit is.
 """
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -352,3 +353,18 @@ def _explained(series: Series, words: Words, family: Family) -> tuple[Finding, .
     meaning = ", ".join(dict.fromkeys(text for status in read for text in (*status.faults, *status.warnings)))
     line = series.line_number(int(bad[0]))
     return (finding("force-status", count=len(bad), rows=len(words), line=line, meaning=meaning),)
+
+
+def rotation_about_z(yaw_deg: float) -> Array:
+    """Return Rz(+yaw) (3, 3): counterclockwise seen from above."""
+    cos, sin = math.cos(math.radians(yaw_deg)), math.sin(math.radians(yaw_deg))
+    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+
+
+def turn_about_z(vector: Array, *, yaw_deg: float) -> Array:
+    """Return vectors (..., 3) of the load cell's frame in the vehicle's, by Rz(+yaw) (C.3.1, prepare_data).
+
+    The thesis mounted the vehicle at +45 degrees for wind (C.3.1), and at -45 degrees for sines, so that motor 1 lay on
+    the cell's x axis (C.2.5).
+    """
+    return np.asarray(vector @ rotation_about_z(yaw_deg).T)

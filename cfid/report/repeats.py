@@ -7,7 +7,7 @@ from datetime import datetime
 
 import numpy as np
 
-from cfid.estimate.repetition import LEAST_PROBABILITY, repeats
+from cfid.estimate.propagation import LEAST_PROBABILITY, repeats
 from cfid.quantities.registry import is_of_the_run
 from cfid.quantities.values import numbers
 from cfid.records.covariances import shaped_as

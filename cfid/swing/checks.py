@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from cfid.estimate.blocks import block_means
+from cfid.estimate.signals import block_means
 from cfid.findings import Finding, note, rejection, warning
 from cfid.recordings.gyro import SCALE_STD
 from cfid.swing.free_swing import FreeSwing

@@ -12,7 +12,6 @@ from matplotlib.transforms import ScaledTranslation
 
 from cfid.counted import counted
 from cfid.drawing.numbers import plus_minus
-from cfid.drawing.pieces import Piece, pieces
 from cfid.drawing.style import (
     INK,
     MODEL,
@@ -20,10 +19,12 @@ from cfid.drawing.style import (
     RECORDED,
     RECORDED_BELOW,
     WINDOW,
+    Piece,
     draw_line,
     figure,
     legend,
     name_panel,
+    pieces,
     styled,
     words,
 )

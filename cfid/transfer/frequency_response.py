@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from cfid.counted import counted
 from cfid.errors import DataError, FitError
-from cfid.estimate.blocks import block_means
+from cfid.estimate.signals import block_means
 from cfid.transfer.model import Form
 from cfid.transfer.sines.alignment import SineRun
 

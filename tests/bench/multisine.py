@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import minimize
 
-from cfid.estimate.blocks import block_means
+from cfid.estimate.signals import block_means
 from cfid.sim.link import Direction, RadioTruth
 from cfid.sim.loadcell import LoadCellTruth, SimulatedLoadCell
 from cfid.sim.propulsion import NOMINAL_V, RotorTruth, SimulatedRotors

@@ -13,8 +13,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from cfid.estimate.staircase import reduce_single
-from cfid.estimate.staircase_points import Point
+from cfid.estimate.staircase import Point, reduce_single
 from cfid.sim.loadcell import LoadCellTruth
 from cfid.sim.propulsion import BatteryTruth, RotorTruth
 from tests.offline.stand import simulate_stand, staircase_steps

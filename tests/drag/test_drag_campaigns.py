@@ -12,8 +12,8 @@ from cfid.drag.model import COMPLEX, CROSS, SIMPLE, DragModel
 from cfid.drag.wind.frames import std_turned_about_z
 from cfid.drag.wind.plan import THESIS_WINDS, WindSetting, missing_lines, missing_runs, thesis_plan
 from cfid.drag.wind.reduction import WindForce, reduce_forces
-from cfid.estimate.rotation import turn_about_z
 from cfid.motors.points import rotor_speed_rad_s
+from cfid.recordings.wrench import turn_about_z
 from cfid.sim.loadcell import LoadCellTruth
 from tests.drag.wind_tunnel import (
     Air,

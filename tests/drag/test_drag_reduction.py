@@ -9,7 +9,7 @@ import pytest
 from cfid.drag.experiments import DragExperiments, experiments_from_table
 from cfid.drag.wind.reduction import WindForce, reduce_forces, sagged
 from cfid.errors import DataError
-from cfid.estimate.rotation import turn_about_z
+from cfid.recordings.wrench import turn_about_z
 from tests.drag.test_drag_campaigns import (
     COMPLEX_AIR,
     CROSS_AIR,

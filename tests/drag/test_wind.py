@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from cfid.drag.wind.frames import std_turned_about_z, velocity_in_air, wind_speed
-from cfid.estimate.rotation import turn_about_z
 from cfid.motors.points import rotor_speed_rad_s
+from cfid.recordings.wrench import turn_about_z
 from cfid.units import ROTORS
 
 

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
-from cfid.drawing.numbers import plus_minus, shortened
-from cfid.drawing.style import PAGE_WIDTH_IN, figure, styled, thinned
+from cfid.drawing.numbers import plus_minus
+from cfid.drawing.style import figure, styled, thinned
 
 
 @given(count=st.integers(1, 30_000), seed=st.integers(0, 9))
@@ -26,27 +26,12 @@ def test_a_thinned_line_keeps_its_ends_and_every_extreme(count: int, seed: int) 
     assert (y.min(), y.max()) == (value.min(), value.max())
 
 
-def test_a_spike_in_a_long_record_is_drawn() -> None:
-    value = np.zeros(600_000)
-    value[123_457] = 1.0
-    x, y = thinned(np.arange(600_000.0), value)
-    assert x[np.argmax(y)] == 123_457
-
-
 def test_words_stand_as_they_are(look: Callable[[Figure], Any]) -> None:
     head = ("swing_$x$ of 5 % \\alpha", "not $believed$", "a_note")
     page, _ = styled(figure)(1, 1, heights_in=(1.0,), title=head[0], rejections=head[1:2], notes=head[2:])
     texts = list(look(page).texts())
     assert [text.get_text() for text in texts] == [head[0], head[1], f"Note: {head[2]}"]
     assert not any(text.get_parse_math() for text in texts)
-
-
-def test_a_page_grows_with_its_head_and_keeps_its_width() -> None:
-    plain, _ = figure(1, 1, heights_in=(2.0,))
-    full, _ = figure(1, 1, heights_in=(2.0,), title="t", rejections=["a word of doubt " * 30])
-    assert plain.get_size_inches().tolist() == [PAGE_WIDTH_IN, 2.0]
-    assert full.get_size_inches()[0] == PAGE_WIDTH_IN
-    assert full.get_size_inches()[1] > 2.7
 
 
 @pytest.mark.parametrize(
@@ -64,8 +49,3 @@ def test_a_page_grows_with_its_head_and_keeps_its_width() -> None:
 )
 def test_a_value_is_written_to_the_second_digit_of_its_deviation(value: float, std: float, written: str) -> None:
     assert plus_minus(value, std) == written
-
-
-def test_a_long_name_is_cut_in_its_middle() -> None:
-    assert shortened("abcdefgh", 8) == "abcdefgh"
-    assert shortened("abcdefghi", 8) == "abcd…ghi"

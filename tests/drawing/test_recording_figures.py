@@ -9,8 +9,7 @@ import numpy.typing as npt
 import pytest
 from matplotlib.figure import Figure
 
-from cfid.drawing.angle import recording_figure
-from cfid.drawing.device import device_figure
+from cfid.drawing.recordings import device_figure, recording_figure
 from cfid.findings import of_recording
 from cfid.recordings.angle import AngleRecord
 from cfid.records.parameters import Source
@@ -43,12 +42,6 @@ def test_a_swing_is_drawn_in_degrees(look: Look) -> None:
     assert "Note: a.csv: one note." in [text.get_text() for text in page.texts()]
     assert page.red() == ""
     assert page.overlapping() == []
-
-
-def test_an_axis_that_turns_is_drawn_in_turns() -> None:
-    axes = recording_figure(_record(TIME_S, 50.0 * TIME_S), title="a").axes[0]
-    assert axes.get_ylabel() == "angle (turns)"
-    assert np.asarray(axes.get_lines()[-1].get_ydata())[-1] == pytest.approx(50.0 * TIME_S[-1] / (2 * np.pi))
 
 
 def test_a_gap_in_the_record_is_marked(look: Look) -> None:

@@ -26,13 +26,6 @@ def _drawing(slope: float = 1.0) -> Figure:
     return page
 
 
-def test_a_figure_becomes_a_png_and_an_svg(tmp_path: Path) -> None:
-    png, svg = save_figure(_drawing(), tmp_path / "new" / "line")
-    assert [png, svg] == [tmp_path / "new" / "line.png", tmp_path / "new" / "line.svg"]
-    assert png.read_bytes().startswith(b"\x89PNG")
-    assert b"</svg>" in svg.read_bytes()
-
-
 def test_a_name_with_dots_is_kept_whole(tmp_path: Path) -> None:
     assert [path.name for path in save_figure(_drawing(), tmp_path / "x.0.8rad")] == ["x.0.8rad.png", "x.0.8rad.svg"]
 
@@ -72,18 +65,6 @@ def test_any_other_file_of_that_name_is_somebody_elses(tmp_path: Path, content: 
     (tmp_path / "line.png").write_bytes(content)
     with pytest.raises(ConfigError):
         save_figure(_drawing(), tmp_path / "line")
-
-
-def test_force_replaces_somebody_elses_file(tmp_path: Path) -> None:
-    (tmp_path / "line.svg").write_text("a poem")
-    _, svg = save_figure(_drawing(), tmp_path / "line", force=True)
-    assert b"poem" not in svg.read_bytes()
-
-
-def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    with pytest.raises(ConfigError, match="file"):
-        save_figure(_drawing(), tmp_path / "file" / "line")
 
 
 @pytest.mark.skipif(os.name != "posix", reason="pipes of Unix")

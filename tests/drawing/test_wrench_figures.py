@@ -9,8 +9,8 @@ import numpy.typing as npt
 import pytest
 from matplotlib.figure import Figure
 
+from cfid.drawing.recordings import gaps_of, lines_of, spectrum_of, wrench_figure
 from cfid.drawing.save import save_figure
-from cfid.drawing.wrench import gaps_of, lines_of, spectrum_of, wrench_figure
 from cfid.findings import of_recording
 from cfid.recordings.wrench import WrenchRecord
 from cfid.records.parameters import Source
@@ -58,18 +58,6 @@ def test_forces_and_torques_are_drawn_in_their_units_with_their_means(look: Look
     assert page.overlapping() == []
 
 
-def test_every_line_of_the_rotors_is_labelled_with_its_frequency(look: Look) -> None:
-    page = look(wrench_figure(_record(TIME_S, _thrust(TIME_S)), title="a"))
-    assert _labels(page) == [f"{line:.0f} Hz" for line in LINES_HZ]
-
-
-def test_a_line_has_its_amplitude_in_newtons_and_a_mean_has_no_line() -> None:
-    spectrum = spectrum_of(TIME_S, 5.0 + _thrust(TIME_S, amplitude_n=0.2))
-    assert spectrum.frequency_hz[-1] == pytest.approx(RATE_HZ / 2)
-    assert spectrum.amplitude_n[lines_of(spectrum)] == pytest.approx(0.2, rel=0.01)
-    assert spectrum.amplitude_n[0] < 0.01
-
-
 @pytest.mark.parametrize("seed", range(20))
 def test_noise_has_no_lines(seed: int) -> None:
     noise = np.random.default_rng(seed).standard_normal(len(TIME_S))
@@ -113,13 +101,6 @@ def test_a_gap_is_marked_and_losses_are_red(look: Look) -> None:
         (corners,) = (path.vertices for path in gaps.get_paths())
         assert (corners[:, 0].min(), corners[:, 0].max()) == pytest.approx((1.0, 1.5), abs=1e-3)
     assert page.red() == "1, 0.5003 s in all 3500"
-
-
-def test_a_long_pause_leaves_the_means_bounded(look: Look) -> None:
-    time = TIME_S + np.where(TIME_S > 2.0, 3600.0, 0.0)
-    forces = look(wrench_figure(_record(time, _thrust(TIME_S)), title="a")).panel("(a)")
-    assert forces.get_title(loc="left").endswith("means over 50 ms")
-    assert len(forces.get_lines()[-1].get_xdata()) == 80
 
 
 @pytest.mark.parametrize("fz_n", [0.0, 1.0])

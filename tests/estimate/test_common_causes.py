@@ -10,7 +10,7 @@ import pytest
 
 from cfid.drag import fit as fit_drag
 from cfid.drag.experiments import DragExperiments
-from cfid.estimate.common_causes import Cause, arm_scales, power_law, with_common_causes
+from cfid.estimate.common_causes import arm_scales, power_law, with_common_causes
 from cfid.export.joint import joint_of
 from cfid.motors.maps import fit_speed, fit_thrust, fit_torque
 from cfid.motors.maps.evidence import Evidence
@@ -124,23 +124,6 @@ def test_cross_talk_of_thrust_adds_to_the_slope_of_the_torque_alone() -> None:
     assert result.common["linearity of the load cell"]["motor.torque_poly"] == pytest.approx([0.0, 0.003 * offset])
 
 
-def test_a_line_on_a_cause_leaves_out_a_coefficient_near_zero() -> None:
-    """Earlier, an accelerometer's scale was printed as up to 2600 % of the constant, which is nearly 0 by chance."""
-    key = "flight.thrust_voltage_poly"
-    value = np.array([8e-5, 4e-3, 0.0135])
-    result = Result(
-        command="fit flight",
-        method="default",
-        quantities={key: Parameter(value=value.tolist(), std=[2e-3, 2e-4, 3e-4])},
-        findings=(),
-        sources=(),
-    )
-    cause = Cause("the accelerometer's scale", 0.02)
-    widened = with_common_causes(result, {cause: {key: 0.02 * (value - [0.1, 0.0, 0.0])}})
-    line = f"  the accelerometer's scale: {key} up to 2 % of a coefficient that is not near 0"
-    assert line in widened.summary()
-
-
 def test_scales_that_nobody_stated_are_named_once_and_change_nothing() -> None:
     result = fit_thrust(evidence(np.random.default_rng(1), rig=NONE_STATED), gravity_mps2=9.81)
 
@@ -148,12 +131,6 @@ def test_scales_that_nobody_stated_are_named_once_and_change_nothing() -> None:
     assert len(notes) == 1
     assert notes[0].startswith("taken as exact: gain of Fz, linearity of the load cell, tachometer: no standard")
     assert result.common == {}
-
-
-def test_points_that_no_instrument_of_the_rig_measured_have_no_such_note() -> None:
-    result = fit_thrust(Evidence(points=points(np.random.default_rng(1))), gravity_mps2=9.81)
-
-    assert "scale-taken-as-exact" not in {one.code for one in result.findings}
 
 
 def test_a_thrust_by_its_torque_goes_with_the_torques_gain_the_arm_and_the_thrusts_cross_talk() -> None:

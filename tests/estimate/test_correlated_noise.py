@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from cfid.estimate.correlated_noise import noise_covariance
-from cfid.estimate.linear import gain_of, sandwich
+from cfid.estimate.linear import gain_of, noise_covariance, sandwich
 from tests.coverage_rows import reaches_93_percent
 
 TIME_S = np.arange(60) * 0.025
@@ -33,7 +32,3 @@ def test_the_uncertainty_of_a_short_rise_is_that_of_repetition(noise: np.ndarray
     assert reaches_93_percent(held)
     assert count < 1000 or np.mean(held) >= 0.93
     assert np.mean(by_sandwich) < np.mean(held)
-
-
-def test_exact_data_have_no_noise() -> None:
-    assert noise_covariance(ROWS, np.zeros(60), CORRELATIONS) == pytest.approx(np.zeros((60, 60)), abs=1e-200)

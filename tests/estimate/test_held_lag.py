@@ -26,11 +26,3 @@ def test_what_follows_several_held_values_is_what_each_one_s_steps_add_up_to(hel
     late = follow_held(to, rising, falling)
 
     assert np.abs(late - [stepped(row, rising, falling) for row in to]).max() < 1e-14
-
-
-def test_time_constants_alike_for_all_steps_follow_from_a_settled_start() -> None:
-    to = np.array([[1.0, 1.0, 2.0, 2.0, 0.0, 0.0]])
-
-    (late,) = follow_held(to, 0.5, 0.25)
-
-    assert late == pytest.approx([1.0, 1.0, 1.0, 1.5, 1.75, 0.4375])

@@ -6,11 +6,15 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.estimate.held_readings import new_rows
+from cfid.estimate.held_readings import first_rows, rows_a_reading
 
 Array = npt.NDArray[np.float64]
 
 RATE_HZ, SECONDS, LONGEST = 100, 30, 30
+
+
+def new_rows(readings: Array, *, longest: float) -> npt.NDArray[np.bool_]:
+    return first_rows(readings, rows=rows_a_reading(readings, longest=longest))
 
 
 def following(*, tau_s: float) -> Array:
@@ -71,8 +75,3 @@ def test_a_row_is_new_where_any_axis_of_a_sensor_changes(rows: int) -> None:
 
     assert np.all(place[new] % rows == 0)
     assert np.count_nonzero(new) > 0.95 * len(axes) / rows
-
-
-def test_readings_that_do_not_move_are_those_of_their_rows() -> None:
-    assert new_rows(np.full(100, 7.0), longest=LONGEST).all()
-    assert new_rows(np.zeros(0), longest=LONGEST).all()

@@ -79,13 +79,6 @@ def test_what_rises_is_accepted_and_what_folds_is_refused_with_the_numbers() -> 
     assert "% of the largest thrust at" in messages[0]
 
 
-def test_noise_that_hides_a_fold_is_no_reason_to_refuse() -> None:
-    """With noise of a tenth of the largest thrust, a departure of a few per cent is not excluded at the 1 % level."""
-    refused = [fitted(FOLDED, seed=seed, noise_n=0.02).refusal for seed in range(60)]
-
-    assert np.count_nonzero(refused) <= 4
-
-
 @pytest.mark.parametrize("truth", [INSIDE, SQUARE], ids=["inside, near the surface", "outside"])
 def test_stated_uncertainties_are_those_of_repeated_campaigns(truth: Array) -> None:
     """On the constraint's surface, the covariance is simulated; thrusts are compared, since users need those."""

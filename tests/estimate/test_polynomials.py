@@ -7,7 +7,7 @@ import numpy.typing as npt
 import pytest
 
 from cfid.errors import FitError
-from cfid.estimate.polynomials import fit_best_order, fit_polynomial, fit_power
+from cfid.estimate.polynomials import fit_best_order, fit_polynomial
 from tests.coverage_rows import reaches_93_percent
 
 Array = npt.NDArray[np.float64]
@@ -15,24 +15,6 @@ Array = npt.NDArray[np.float64]
 COMMANDS = np.arange(2000.0, 64001.0, 2000.0)
 EQ_3_3 = (2.130295e-11, 1.032633e-6, 5.484560e-4)
 EQ_3_4 = ((0.03950236, 420.9420, 599.6187), (0.04076521, 380.8359, 471.0714))  # slope, level, norm of the residuals
-
-
-def test_the_residual_norm_is_the_2_norm_of_the_residuals_as_matlab_has_it() -> None:
-    # By hand: the line through 0, 1, 1, 2, 4 at 0..4 is 0.9 x - 0.2, its residuals 0.2, 0.3, -0.6, -0.5, 0.6.
-    fit = fit_polynomial(np.arange(5.0), np.array([0.0, 1.0, 1.0, 2.0, 4.0]), order=1)
-
-    assert fit.coefficients == pytest.approx([0.9, -0.2], abs=1e-12)
-    assert fit.residual == pytest.approx([0.2, 0.3, -0.6, -0.5, 0.6], abs=1e-12)
-    assert fit.residual_norm == pytest.approx(math.sqrt(1.1), rel=1e-12)
-    assert fit.degrees_of_freedom == 3
-
-
-def test_the_residual_norm_stays_unweighted_where_the_fit_is_weighted() -> None:
-    x, y, std = np.arange(5.0), np.array([0.0, 1.0, 1.0, 2.0, 4.0]), np.array([1.0, 2.0, 3.0, 4.0, 5.0])
-    fit = fit_polynomial(x, y, order=1, std=std)
-
-    assert fit.coefficients == pytest.approx(np.polyfit(x, y, 1, w=1 / std))
-    assert fit.residual_norm == pytest.approx(np.linalg.norm(y - np.polyval(fit.coefficients, x)))
 
 
 @pytest.mark.parametrize(("slope", "level", "printed"), EQ_3_4)
@@ -69,26 +51,6 @@ def test_coefficients_are_those_of_polyfit_in_plain_powers(order: int) -> None:
     )
     weighted = fit_polynomial(COMMANDS, thrust, order=order, std=std)
     assert weighted.coefficients == pytest.approx(np.polyfit(COMMANDS, thrust, order, w=1 / std), rel=1e-6)
-
-
-def test_the_covariance_without_deviations_is_that_of_numpy() -> None:
-    thrust = np.polyval(EQ_3_3, COMMANDS) + 1e-3 * np.random.default_rng(3).standard_normal(len(COMMANDS))
-    covariance = np.polyfit(COMMANDS, thrust, 2, cov=True)[1]
-
-    assert fit_polynomial(COMMANDS, thrust, order=2).covariance == pytest.approx(covariance, rel=1e-6)
-
-
-def test_through_zero_has_no_constant_and_a_single_power_no_other() -> None:
-    x = np.linspace(0, 3000, 20)
-    noise = 1e-4 * np.random.default_rng(2).standard_normal(20)
-    curve = fit_polynomial(x, 2e-8 * x**2 + 1e-6 * x + noise, order=2, through_zero=True)
-    square = fit_power(x, 2e-8 * x**2 + noise, power=2)
-
-    assert curve.coefficients[2] == curve.std[2] == 0
-    assert np.all(np.abs(curve.coefficients[:2] - [2e-8, 1e-6]) < 3 * curve.std[:2])
-    assert square.coefficients[1:].tolist() == square.std[1:].tolist() == [0, 0]
-    assert square.coefficients[0] == pytest.approx((2e-8 * x**2 + noise) @ x**2 / (x**2 @ x**2), rel=1e-12)
-    assert square.degrees_of_freedom == 19
 
 
 def test_points_farther_apart_than_stated_widen_the_covariance_and_closer_ones_do_not_narrow_it() -> None:
@@ -177,14 +139,6 @@ def test_a_wild_point_moves_the_robust_fit_by_a_tenth_of_what_it_moves_the_other
     assert fit.scale == pytest.approx(0.01, rel=0.3)
 
 
-def test_the_scale_of_stated_deviations_never_falls_below_them() -> None:
-    x = np.linspace(0, 1, 31)
-    y = 0.01 * np.random.default_rng(6).standard_normal(31)
-
-    assert fit_polynomial(x, y, order=1, std=np.full(31, 0.1), robust=True).scale == 1.0
-    assert fit_polynomial(x, y, order=1, std=np.full(31, 0.001), robust=True).scale == pytest.approx(10, rel=0.3)
-
-
 @pytest.mark.parametrize("order", [1, 2, 3])
 @pytest.mark.parametrize("robust", [False, True])
 def test_the_corrected_aic_finds_the_order_of_points_made_with_it(order: int, robust: bool) -> None:
@@ -197,18 +151,6 @@ def test_the_corrected_aic_finds_the_order_of_points_made_with_it(order: int, ro
     assert np.median(found) == order
     assert min(found) == order
     assert np.mean(np.array(found) == order) > 0.6
-
-
-def test_the_corrected_aic_is_that_of_its_formula_and_exact_points_take_the_lowest_order() -> None:
-    x = np.linspace(0, 1, 12)
-    y = x + 0.1 * np.random.default_rng(1).standard_normal(12)
-    choice = fit_best_order(x, y)
-    k = 3  # slope, level, noise
-    aicc = 12 * math.log(fit_polynomial(x, y, order=1).residual_norm ** 2 / 12) + 2 * k + 2 * k * (k + 1) / (12 - k - 1)
-
-    assert choice.aicc[1] == pytest.approx(aicc)
-    assert set(choice.aicc) == {1, 2, 3, 4}
-    assert fit_best_order(COMMANDS, np.polyval(EQ_3_3, COMMANDS)).fit.order == 2
 
 
 def test_as_many_points_as_coefficients_are_met_and_have_no_deviations_unless_stated() -> None:
@@ -238,11 +180,6 @@ def test_points_that_determine_nothing_are_refused(x: list[float], std: list[flo
         fit_polynomial(np.array(x), np.array(x) * 2, order=2, std=None if std is None else np.array(std))
 
 
-def test_too_few_points_to_choose_an_order_are_refused() -> None:
-    with pytest.raises(FitError, match="4 points are too few to choose between orders: order 1 takes 5"):
-        fit_best_order(np.arange(4.0), np.arange(4.0))
-
-
 def test_errors_that_points_share_widen_the_band_as_much_as_they_move_the_curve() -> None:
     """Neighbouring points share a tare: bands cover the curve, but would not if errors were taken as independent."""
     x = np.arange(1.0, 21.0)
@@ -265,14 +202,6 @@ def test_errors_that_points_share_widen_the_band_as_much_as_they_move_the_curve(
 
     assert 0.93 <= shared <= 0.98
     assert apart < 0.9
-
-
-def test_errors_that_only_one_point_has_are_no_shared_ones() -> None:
-    x, std = np.arange(1.0, 11.0), np.linspace(0.1, 0.5, 10)
-    y = x + std * np.random.default_rng(1).standard_normal(10)
-    plain = fit_polynomial(x, y, order=1, std=std)
-
-    assert fit_polynomial(x, y, order=1, std=std, shared=np.diag(std)).covariance == pytest.approx(plain.covariance)
 
 
 def test_points_exactly_on_a_curve_are_fitted_robustly_too() -> None:

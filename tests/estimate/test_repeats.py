@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cfid.errors import FitError
-from cfid.estimate.repetition import repeats
+from cfid.estimate.propagation import repeats
 
 DAYS = np.linspace(0.0, 5 * 86400.0, 6)
 
@@ -44,14 +44,6 @@ def test_means_cover_the_truth_whatever_part_of_the_errors_is_shared(shared: flo
 
     assert np.mean([abs(f.mean - 1.0) < 1.96 * f.mean_std for f in found]) > 0.94
     assert np.mean([f.agree for f in found]) > 0.983
-
-
-def test_without_deviations_the_scatter_counts() -> None:
-    value = np.array([1.0, 1.1, 1.2, 1.1])
-    found = repeats(time_s=DAYS[:4], value=value, std=np.array([0.1, np.nan, 0.1, 0.1]))
-
-    assert found.probability is None
-    assert found.mean_std == pytest.approx(np.std(value, ddof=1) / 2)
 
 
 def test_two_times_tell_no_drift_and_one_value_no_repeat() -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cfid.estimate.signal_quality import signal_quality
+from cfid.estimate.signals import signal_quality
 
 RATE_HZ = 1000.0
 TIME_S = np.arange(10_000) / RATE_HZ
@@ -32,10 +32,3 @@ def test_noise_alone_shows_no_line_and_no_drift() -> None:
     assert sum(np.isfinite(one.line_hz) for one in found) <= 1
     assert sum(abs(one.drift) > 3 * one.drift_std for one in found) <= 3
     assert all(one.noise_std == pytest.approx(2.0, rel=0.04) for one in found)
-
-
-def test_a_record_too_slow_for_mains_has_none() -> None:
-    found = signal_quality(np.random.default_rng(2).normal(0, 1.0, 800), rate_hz=80.0)
-
-    assert np.isnan(found.mains_hz)
-    assert found.mains == 0

@@ -11,8 +11,7 @@ import pandas as pd
 import pytest
 
 from cfid.errors import FitError
-from cfid.estimate.staircase import reduce_staircase
-from cfid.estimate.staircase_points import Point, Staircase
+from cfid.estimate.staircase import Point, Staircase, reduce_staircase
 from tests.places import DATA
 
 Array = npt.NDArray[np.float64]
@@ -65,23 +64,6 @@ def test_what_settles_within_a_second_gives_the_known_thrust_constant() -> None:
 
     assert [point.command for point in settled] == [30000, 35000, 40000, 45000, 40000]
     assert all(1.88e-8 < thrust_ns2_per_rad2(table, point) < 2.04e-8 for point in settled)
-
-
-@needs_data
-def test_thrust_follows_a_quarter_of_a_second_late_and_slower_at_low_speed() -> None:
-    points = reduced(STEPS, logged=True)[1].points
-
-    assert all(0.2 < point.delay_s < 0.3 for point in points[2:-1] if point.delay_s is not None)
-    assert points[-1].lag_s > 2 * points[6].lag_s
-
-
-@needs_data
-def test_steps_that_are_shorter_than_five_time_constants_are_not_averaged() -> None:
-    unsettled = [point for point in reduced(STEPS, logged=True)[1].points if not point.settled]
-
-    assert {point.command for point in unsettled} >= {5000, 10000, 15000, 20000}
-    assert all("are left after 5 time constants" in point.reason for point in unsettled)
-    assert all(np.isnan(point.mean).all() for point in unsettled)
 
 
 @needs_data

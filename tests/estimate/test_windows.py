@@ -5,13 +5,10 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from cfid.errors import DataError
-from cfid.estimate.onsets import onsets
 from cfid.estimate.signals import Slow, find_spikes
-from cfid.estimate.windows import Stretch, changes_seen, commanded_intervals, level, prepared, steady_stretch
+from cfid.estimate.staircase import Stretch, changes_seen, commanded_intervals, onsets, prepared, steady_stretch
 
 Array = npt.NDArray[np.float64]
 
@@ -49,16 +46,6 @@ def test_repeated_commands_are_one_interval_and_the_motors_stand_before_the_firs
     assert found[1].commands == (5000, 0, 5000, 0)
 
 
-@given(cut=st.floats(0.1, 9.9))
-def test_intervals_are_those_within_the_record(cut: float) -> None:
-    times = np.array([2.0, 3.0, 7.0])
-    log = np.array([[5000] * 4, [9000] * 4, STILL], float)
-
-    found = commanded_intervals(times, log, begin_s=cut, end_s=10.0)
-    assert found[0].begin_s == cut
-    assert [each.end_s for each in found] == [time for time in (2.0, 3.0, 7.0) if time > cut] + [10.0]
-
-
 @pytest.mark.parametrize(
     ("times", "log", "expected"),
     [
@@ -80,29 +67,11 @@ def test_steps_are_seen_whatever_the_unit_and_the_bias(scale: float) -> None:
     assert begins(Slow(TIME_S, scale * (steps + 0.02 * noise() - 40))) == pytest.approx([3.1, 6.1, 9.1], abs=0.08)
 
 
-def test_what_comes_back_to_the_level_of_the_beginning_is_a_rest() -> None:
-    steps = response(3, lag_s=0.06) + response(5, lag_s=0.06) - 2 * response(7, lag_s=0.06) + response(9, lag_s=0.06)
-
-    assert [each.pause for each in changes_seen(Slow(TIME_S, steps + 0.01 * noise()))] == [
-        True,
-        False,
-        False,
-        True,
-        False,
-    ]
-
-
 def test_a_record_ends_at_rest_though_the_load_cell_drifted() -> None:
     step = response(3, lag_s=0.06) - response(9, lag_s=0.06)
 
     found = changes_seen(Slow(TIME_S, step + 0.006 * TIME_S))
     assert [each.pause for each in found] == [True, False, True]
-
-
-def test_a_second_level_at_the_end_is_no_rest() -> None:
-    steps = response(3, lag_s=0.06) - 0.8 * response(9, lag_s=0.06)
-
-    assert [each.pause for each in changes_seen(Slow(TIME_S, steps))] == [True, False, False]
 
 
 @pytest.mark.parametrize(
@@ -145,25 +114,8 @@ def test_a_step_in_the_noise_takes_delay_and_lag_of_the_others() -> None:
     assert weak.lag_s == pytest.approx((first.lag_s + second.lag_s) / 2)
 
 
-def test_a_given_lag_is_kept() -> None:
-    slow = Slow(TIME_S, response(4, lag_s=0.06))
-
-    assert [each.lag_s for each in onsets(slow, changes_seen(slow), baseline=0.0, lag_s=0.11)] == [0.11]
-
-
 def steady(value: Array, *, drift: float = 0.05, wave: float = 0.005, hold_s: float = 0.01) -> Stretch:
     return steady_stretch(Slow(TIME_S, value), (2.0, 10.0), drift=drift, wave=wave, hold_s=hold_s)
-
-
-def test_a_steady_window_is_kept_whole() -> None:
-    assert steady(1 + 0.01 * noise()) == Stretch(2.0, 10.0)
-
-
-def test_a_slope_that_is_allowed_remains() -> None:
-    found = steady(1 + 0.005 * TIME_S)
-
-    assert (found.begin_s, found.end_s) == pytest.approx((2.0, 10.0), abs=0.02)
-    assert found.reason == ""
 
 
 def test_the_unsteady_beginning_of_a_window_is_cut_off() -> None:
@@ -182,54 +134,11 @@ def test_the_disturbed_end_of_a_window_is_cut_off() -> None:
     assert 7.4 <= found.end_s <= 8.3
 
 
-def test_a_ramp_is_never_steady_and_the_reason_tells_its_change() -> None:
-    found = steady(1 + 0.05 * TIME_S + 0.005 * noise())
-
-    assert "still changes by 0.4 in 8 s" in found.reason
-
-
 def test_a_wave_about_a_line_is_not_steady_but_noise_as_large_is() -> None:
     wave = 0.02 * np.sin(2 * np.pi * TIME_S / 3)
 
     assert "about a line" in steady(1 + wave).reason
     assert steady(1 + 0.05 * noise()).reason == ""
-
-
-def test_a_window_shorter_than_three_readings_is_none() -> None:
-    constant = Slow(TIME_S, np.ones_like(TIME_S))
-
-    found = steady_stretch(constant, (2.0, 2.4), drift=1, wave=1, hold_s=0.2)
-    assert found.reason == "only 0.4 s of it are left after 5 time constants"
-    assert steady_stretch(constant, (2.0, 2.4), drift=1, wave=1, hold_s=0.1).reason == ""
-
-
-def test_a_window_that_ends_before_it_begins_is_none() -> None:
-    found = steady_stretch(Slow(TIME_S, np.ones_like(TIME_S)), (3.0, 2.0), drift=1, wave=1, hold_s=0.01)
-
-    assert found.reason.startswith("only 0 s")
-    assert found.end_s >= found.begin_s
-
-
-def test_the_level_of_an_interval_shorter_than_a_sample_is_that_of_the_next() -> None:
-    assert level(Slow(TIME_S, TIME_S), 3.001, 3.002) == pytest.approx(3.01, abs=0.011)
-
-
-def test_preparing_takes_spikes_off_and_thins_to_a_kilohertz() -> None:
-    time_s = np.arange(14000) / 7000
-    channels = np.random.default_rng(1).standard_normal((14000, 3))
-    clean = prepared(time_s, channels, status=None, thrust=2)
-    channels[[3000, 9001, 13999 - 5], [0, 2, 1]] = 500.0
-
-    found = prepared(time_s, channels, status=None, thrust=2)
-    assert found.rate_hz == pytest.approx(1000)
-    assert (clean.spikes, found.spikes, found.block, found.held) == (0, 3, 7, 1)
-    np.testing.assert_allclose(found.value, clean.value, atol=0.8)
-
-
-def test_a_reading_that_repeats_is_counted_once() -> None:
-    readings = np.repeat(np.random.default_rng(1).standard_normal(50), 10)
-
-    assert prepared(np.arange(500) / 100, readings[:, np.newaxis], status=None, thrust=0).held == 10
 
 
 def test_spikes_of_a_record_of_hours_are_those_of_the_whole() -> None:

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from cfid.errors import DataError, FitError
-from cfid.estimate.two_levels import other_level
+from cfid.estimate.staircase import other_level
 from cfid.motors import maps
 from cfid.motors.maps.verdict import of_forces
 from cfid.records.files import RIG_FILE

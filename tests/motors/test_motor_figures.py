@@ -11,8 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 
-from cfid.estimate.staircase import reduce_staircase
-from cfid.estimate.staircase_points import Point, Staircase
+from cfid.estimate.staircase import Point, Staircase, reduce_staircase
 from cfid.motors.maps.estimation import fit_speed, fit_thrust, fit_thrust_of_speed, fit_torque
 from cfid.motors.maps.figures import (
     map_figure,

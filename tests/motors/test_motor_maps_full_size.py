@@ -15,8 +15,7 @@ import pytest
 
 from cfid.estimate.polynomials import PolynomialFit
 from cfid.estimate.signals import without_spikes
-from cfid.estimate.staircase import reduce_staircase
-from cfid.estimate.staircase_points import Point
+from cfid.estimate.staircase import Point, reduce_staircase
 from cfid.motors.maps.estimation import fit_thrust, fit_torque
 from cfid.motors.maps.voltage import THRUST_ORDER, VoltageComparison, compare
 from cfid.motors.points import MotorPoints

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cfid.errors import ConfigError
-from cfid.estimate.rotation import turn_about_z
+from cfid.recordings.wrench import turn_about_z
 from cfid.records.rig_file import NONE_STATED, LoadCellMount, RigFacts, Tachometer, WindStand, load_rig, new_rig_text
 from cfid.records.run import DeviceRecord, Label, amend_run, read_run
 from cfid.records.run_writer import create_run

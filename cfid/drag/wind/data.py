@@ -18,15 +18,14 @@ from cfid.drag.wind.mean_forces import MeanForce, mean_force, mean_force_thesis,
 from cfid.drag.wind.plan import KIND, WindSetting, setting_of
 from cfid.drag.wind.reduction import WindForce
 from cfid.errors import CfidError, DataError, FitError
-from cfid.estimate.rotation import turn_about_z
-from cfid.estimate.staircase_points import Point
+from cfid.estimate.staircase import Point
 from cfid.findings import Finding, joined, note, texts, warning
 from cfid.motors import data as motors
 from cfid.motors.points import rotor_speed_rad_s
 from cfid.motors.vibration.data import Rotors, VibrationRecord
 from cfid.recordings.read import read_recording
 from cfid.recordings.vehicle import COMMANDS, READINGS, Rows, TakenBackError, holds, read_rows
-from cfid.recordings.wrench import WrenchRecord, wrench_of
+from cfid.recordings.wrench import WrenchRecord, turn_about_z, wrench_of
 from cfid.records.parameters import Source
 from cfid.records.rig_file import NONE_STATED, RigFacts, WindStand
 from cfid.records.run import refuse_contradiction, run_at, run_holding

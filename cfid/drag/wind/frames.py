@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from cfid.estimate.rotation import rotation_about_z
+from cfid.recordings.wrench import rotation_about_z
 
 Array = npt.NDArray[np.float64]
 

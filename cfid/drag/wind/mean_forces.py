@@ -12,9 +12,7 @@ import numpy.typing as npt
 from cfid.errors import DataError
 from cfid.estimate.held_readings import rows_a_reading
 from cfid.estimate.signals import quiet_mean
-from cfid.estimate.staircase import reduce_single
-from cfid.estimate.staircase_points import Point
-from cfid.estimate.windows import Words
+from cfid.estimate.staircase import Point, Words, reduce_single
 from cfid.findings import Finding, note, warning
 
 Array = npt.NDArray[np.float64]

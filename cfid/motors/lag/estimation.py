@@ -16,8 +16,8 @@ from scipy.linalg import block_diag
 from scipy.optimize import OptimizeResult
 
 from cfid.errors import FitError
-from cfid.estimate.blocks import block_means
 from cfid.estimate.linear import gain_of, std_of
+from cfid.estimate.signals import block_means
 from cfid.findings import Finding, texts
 from cfid.motors.lag.checks import EXPLAINED, rejections
 from cfid.motors.lag.delay_scatter import Scatter, scattered

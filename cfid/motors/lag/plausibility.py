@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from cfid.estimate.blocks import block_means
+from cfid.estimate.signals import block_means
 from cfid.motors.lag.model import Signal
 
 Array = npt.NDArray[np.float64]

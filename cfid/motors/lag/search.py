@@ -10,8 +10,8 @@ from scipy.optimize import OptimizeResult, least_squares
 
 from cfid.counted import counted
 from cfid.errors import FitError
-from cfid.estimate.blocks import block_means
 from cfid.estimate.linear import gain_of
+from cfid.estimate.signals import block_means
 from cfid.motors.lag.model import LogSegment, Signal, Supply, speed_shown
 from cfid.motors.lag.plausibility import varies
 from cfid.motors.lag.uncertainty import Expected

@@ -7,8 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import FitError
-from cfid.estimate.polynomials import PolynomialFit, fit_polynomial, fit_power
-from cfid.estimate.scatter import scattered_std
+from cfid.estimate.polynomials import PolynomialFit, fit_polynomial, fit_power, scattered_std
 from cfid.findings import Finding, rejection, warning
 from cfid.motors.points import Array
 from cfid.units import COVERAGE_95, DEAD_COMMAND

@@ -8,8 +8,7 @@ import numpy as np
 
 from cfid.counted import counted
 from cfid.errors import FitError
-from cfid.estimate.polynomials import ORDERS, PolynomialFit, fit_best_order, fit_polynomial, fit_power
-from cfid.estimate.scatter import scattered_std
+from cfid.estimate.polynomials import ORDERS, PolynomialFit, fit_best_order, fit_polynomial, fit_power, scattered_std
 from cfid.findings import Finding, note, warning
 from cfid.motors.maps.checks import (
     MISFIT_LIMIT,

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.estimate.common_causes import Cause
-from cfid.estimate.staircase_points import Point, Staircase
+from cfid.estimate.staircase import Point, Staircase
 from cfid.findings import Finding, note
 from cfid.motors.points import MotorPoints, joined
 from cfid.records.parameters import Source

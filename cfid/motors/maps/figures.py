@@ -29,8 +29,7 @@ from cfid.drawing.style import (
     words,
 )
 from cfid.estimate.polynomials import PolynomialFit
-from cfid.estimate.staircase import FZ
-from cfid.estimate.staircase_points import Staircase
+from cfid.estimate.staircase import FZ, Staircase
 from cfid.findings import Finding, texts
 from cfid.motors.maps.checks import OUTLIER_WEIGHT, listed
 from cfid.motors.maps.estimation import MotorMap, SpeedThrustMap

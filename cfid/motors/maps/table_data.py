@@ -8,8 +8,7 @@ import numpy.typing as npt
 
 from cfid.counted import counted
 from cfid.errors import CfidError, ConfigError, DataError, FitError
-from cfid.estimate.staircase import NoBaselineError, mean_in_windows, reduce_staircase
-from cfid.estimate.staircase_points import Point, Staircase
+from cfid.estimate.staircase import NoBaselineError, Point, Staircase, mean_in_windows, reduce_staircase
 from cfid.findings import Finding, of_recording
 from cfid.large import chosen_rows, side_by_side
 from cfid.motors.maps.evidence import Evidence, Reduced, Stand, line_of, speed_findings, staircase_findings

@@ -8,8 +8,7 @@ import numpy.typing as npt
 from scipy.linalg import block_diag
 
 from cfid.counted import counted
-from cfid.estimate.polynomials import PolynomialFit
-from cfid.estimate.shared_points import PointFit, joint_covariance
+from cfid.estimate.polynomials import PointFit, PolynomialFit, joint_covariance
 from cfid.findings import Finding, note
 from cfid.motors.maps.estimation import MotorMap, SpeedThrustMap
 from cfid.motors.maps.inverse import InverseMap, MaximumThrust

@@ -8,9 +8,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import OptimizeResult, least_squares
 
-from cfid.estimate.blocks import block_means
-from cfid.estimate.correlated_noise import noise_covariance
-from cfid.estimate.linear import gain_of
+from cfid.estimate.linear import gain_of, noise_covariance
+from cfid.estimate.signals import block_means
 from cfid.findings import Finding, texts
 from cfid.motors.steps.checks import rejections
 from cfid.motors.steps.model import BEFORE, CommandStep, Lag, Part, Sag, StepData

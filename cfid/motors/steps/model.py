@@ -8,7 +8,7 @@ import numpy.typing as npt
 from scipy.special import roots_jacobi
 
 from cfid.errors import FitError
-from cfid.estimate.blocks import block_means
+from cfid.estimate.signals import block_means
 from cfid.motors.steps.rounding import rounding_step
 
 Array = npt.NDArray[np.float64]

@@ -7,7 +7,7 @@ way there has its own error.
 import numpy as np
 import numpy.typing as npt
 
-from cfid.estimate.blocks import block_means
+from cfid.estimate.signals import block_means
 
 Array = npt.NDArray[np.float64]
 

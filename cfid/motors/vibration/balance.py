@@ -7,8 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import FitError
-from cfid.estimate.staircase import FZ, reduce_staircase
-from cfid.estimate.staircase_points import Point
+from cfid.estimate.staircase import FZ, Point, reduce_staircase
 from cfid.findings import joined, texts
 from cfid.motors.vibration.estimation import rotor_speed
 

@@ -9,8 +9,7 @@ import numpy.typing as npt
 from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.estimate.signals import without_spikes
-from cfid.estimate.staircase_points import Point
-from cfid.estimate.windows import LAGS
+from cfid.estimate.staircase import LAGS, Point
 from cfid.findings import Finding, joined, note, texts, warning
 from cfid.motors.data import channels_of
 from cfid.motors.vibration.estimation import RotorSpeed, rotor_speed

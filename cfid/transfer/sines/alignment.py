@@ -15,9 +15,9 @@ import numpy.typing as npt
 from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.estimate.linear import mean_of
-from cfid.estimate.rotation import turn_about_z
 from cfid.findings import Finding, note, warning
 from cfid.latency.clocks import COUNTER_S, ClockLine, Start, clock_line, sessions, start_by_phase, unwrapped_s
+from cfid.recordings.wrench import turn_about_z
 from cfid.transfer.sines.plan import SAMPLE_S, Sine
 from cfid.transfer.sines.reports import Matched, Reports, match_reports
 from cfid.units import MOTOR_AZIMUTH_DEG

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from cfid.estimate.rotation import turn_about_z
 from cfid.findings import Finding, rejection
 from cfid.large import parts
+from cfid.recordings.wrench import turn_about_z
 from cfid.units import MOTOR_AZIMUTH_DEG
 
 Array = npt.NDArray[np.float64]
