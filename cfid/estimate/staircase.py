@@ -186,14 +186,13 @@ def reduce_staircase(
     commands: Array | None = None,
     status: Words | None = None,
     thrust: int = FZ,
-    lag_s: float | None = None,
     tared: bool = True,
 ) -> Staircase:
     """Reduce channels (n, k) in any unit at times (n,); the channel `thrust` shows where the motors run.
 
     Commands (m, 4) hold from `command_time_s` (m,) on, by the same clock; without them, changes of thrust are searched.
-    `lag_s` is the rotors' time constant, if it need not be found. `status` (n,) are the load cell's words. What `tared`
-    channels show in pauses is subtracted; other channels, such as speeds, are zero where nothing runs.
+    `status` (n,) are the load cell's words. What `tared` channels show in pauses is subtracted; other channels, such as
+    speeds, are zero where nothing runs.
 
     Raises DataError for a record that is too short, out of order, not finite or faulty, that has no baseline, or that
     shows no motor running.
@@ -204,7 +203,7 @@ def reduce_staircase(
     else:
         first_s, last_s = record.slow.time_s[[0, -1]].tolist()
         intervals = commanded_intervals(command_time_s, commands, begin_s=first_s, end_s=last_s)
-    return _reduced(record, intervals, lag_s=lag_s, tared=tared)
+    return _reduced(record, intervals, tared=tared)
 
 
 def reduce_single(
@@ -212,7 +211,6 @@ def reduce_single(
     time_s: Array,
     channels: Array,
     command: int | None = None,
-    motors: tuple[int, ...] = (),
     status: Words | None = None,
     window: Window | None = None,
 ) -> Staircase:
@@ -238,7 +236,7 @@ def reduce_single(
         )
     staircase = _reduced(record, intervals, windows={} if window is None else dict.fromkeys(meant, window))
     point = staircase.points[steps.index(meant[0])]
-    return replace(staircase, points=(replace(point, command=command, motors=motors),))
+    return replace(staircase, points=(replace(point, command=command),))
 
 
 def mean_in_windows(points: Sequence[Point], time_s: Array, value: Array) -> Array:
@@ -445,8 +443,8 @@ class Onset(NamedTuple):
     explained: float
 
 
-def onsets(slow: Slow, intervals: Sequence[Interval], *, baseline: float, lag_s: float | None = None) -> list[Onset]:
-    """Return the onset of each interval except the first, which has none; a given lag applies to all.
+def onsets(slow: Slow, intervals: Sequence[Interval], *, baseline: float) -> list[Onset]:
+    """Return the onset of each interval except the first, which has none.
 
     Thrust above `baseline` is the square of a first-order speed. Where no onset explains the record (a step in the
     noise, or one that is shorter than its onset), the median lag of the others is used instead, and after a command
@@ -460,13 +458,13 @@ def onsets(slow: Slow, intervals: Sequence[Interval], *, baseline: float, lag_s:
         (before, after, v / (v + w) if v + w else 0.5)
         for (before, after), (v, w) in zip(pairwise(intervals), pairwise(speeds), strict=True)
     ]
-    found = [_onset(slow, *step, lag_s=lag_s) for step in steps]
+    found = [_onset(slow, *step) for step in steps]
     sure = [
         (onset.time_s - interval.begin_s, onset.lag_s)
         for (_, interval, _), onset in zip(steps, found, strict=True)
         if onset.explained > _EXPLAINED
     ]
-    delay_s, usual_s = np.median(sure, axis=0).tolist() if sure else (0.0, lag_s or _USUAL_LAG_S)
+    delay_s, usual_s = np.median(sure, axis=0).tolist() if sure else (0.0, _USUAL_LAG_S)
     for i, (step, onset) in enumerate(zip(steps, found, strict=True)):
         if onset.explained <= _EXPLAINED and step[1].commands is None:
             found[i] = _onset(slow, *step, lag_s=usual_s)
@@ -475,10 +473,10 @@ def onsets(slow: Slow, intervals: Sequence[Interval], *, baseline: float, lag_s:
     return found
 
 
-def _onset(slow: Slow, before: Interval, interval: Interval, share: float, *, lag_s: float | None) -> Onset:
+def _onset(slow: Slow, before: Interval, interval: Interval, share: float, *, lag_s: float | None = None) -> Onset:
     """Fit onset and lag of a step by a search that becomes finer and narrower.
 
-    `share` is the speed before the step relative to the sum of those before and after.
+    `share` is the speed before the step relative to the sum of those before and after. A given lag is kept.
     """
     seen_change = interval.commands is None  # the time lies in the middle of the rise, as does that of the next change
     early_s, late_s = (_LATE_S, _EARLY_S) if seen_change else (_EARLY_S, _LATE_S)
@@ -618,7 +616,6 @@ def _reduced(
     record: StandSignals,
     intervals: Sequence[Interval],
     *,
-    lag_s: float | None = None,
     windows: Mapping[int, Window] = {},
     tared: bool = True,
 ) -> Staircase:
@@ -628,7 +625,7 @@ def _reduced(
         raise NeverRanError("the motors never run in this record: no command, or no change of thrust above its noise.")
     levels = np.array([level(record.slow, interval.begin_s, interval.end_s) for interval in intervals])
     rest = next((levels[i] for i, interval in enumerate(intervals) if interval.pause), levels[0])
-    begun = onsets(record.slow, intervals, baseline=rest, lag_s=lag_s)
+    begun = onsets(record.slow, intervals, baseline=rest)
     # Each interval may be steady from five lags after its onset to just before the next onset.
     begins = [intervals[0].begin_s, *(onset.time_s + LAGS * onset.lag_s for onset in begun)]
     ends = [*(onset.time_s - SMOOTHED_S / 2 for onset in begun), intervals[-1].end_s]

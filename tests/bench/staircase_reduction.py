@@ -51,7 +51,6 @@ def reduced(table: pd.DataFrame, command: int) -> Point:
         channels=wrench.T,
         status=table["status"].to_numpy(np.uint32),
         command=command,
-        motors=(1, 3),
     ).points[0]
 
 

@@ -11,7 +11,6 @@ import pytest
 from cfid.drag import fit as fit_drag
 from cfid.drag.experiments import DragExperiments
 from cfid.estimate.common_causes import arm_scales, power_law, with_common_causes
-from cfid.export.joint import joint_of
 from cfid.motors.maps import fit_speed, fit_thrust, fit_torque
 from cfid.motors.maps.evidence import Evidence
 from cfid.motors.points import MotorPoints
@@ -19,7 +18,7 @@ from cfid.records.covariances import covariance_between
 from cfid.records.parameters import Parameter, Section
 from cfid.records.result import Result
 from cfid.records.rig_file import NONE_STATED, LoadCellMount, RigFacts, Scales, Tachometer, WindStand
-from cfid.records.uncertain import OWN_FIT, in_std, measured, number_of, parts_of
+from cfid.records.uncertain import OWN_FIT, measured, number_of, parts_of
 
 Array = npt.NDArray[np.float64]
 
@@ -154,36 +153,6 @@ def test_a_thrust_by_its_torque_goes_with_the_torques_gain_the_arm_and_the_thrus
 
 
 # Several fits
-
-
-def test_draws_of_maps_of_two_commands_err_together_where_their_instruments_do() -> None:
-    rng = np.random.default_rng(3)
-    thrust = section_of(fit_thrust(evidence(rng), gravity_mps2=9.81))
-    speed = section_of(fit_speed(evidence(rng)))
-    torque = section_of(fit_torque(evidence(rng)))
-    square = "motor.thrust_per_speed_squared_n_s2"
-    joint = joint_of(
-        [(thrust, ["motor.max_thrust_n", square]), (speed, ["motor.speed_poly"]), (torque, ["motor.torque_poly"])]
-    )
-    draws = joint.draw(20000, np.random.default_rng(4))
-    at = {name: place for place, name in enumerate(joint.names)}
-
-    k, slope = draws[:, at[square]], draws[:, at["motor.speed_poly [0]"]]
-    stated = joint.covariance[at[square], at["motor.speed_poly [0]"]]
-    assert stated == pytest.approx(-2e-4 * joint.mean[at[square]] * joint.mean[at["motor.speed_poly [0]"]], rel=1e-6)
-    assert np.cov(k, slope)[0, 1] == pytest.approx(stated, rel=0.1)
-    assert np.corrcoef(draws[:, at["motor.max_thrust_n"]], draws[:, at["motor.torque_poly [0]"]])[0, 1] < -0.05
-
-
-def test_two_thrusts_on_one_cell_differ_by_their_noise_alone_whatever_its_gain() -> None:
-    first, second = (
-        number_of(section_of(fit_thrust(evidence(np.random.default_rng(seed), {"Fz": 0.02}), gravity_mps2=9.81)), key)
-        for seed, key in ((1, "motor.max_thrust_n"), (2, "motor.max_thrust_n"))
-    )
-    apart = first - second
-
-    assert apart.std_dev < 0.3 * first.std_dev
-    assert abs(in_std(apart)) < 3
 
 
 def test_the_slope_of_a_polynomial_is_compared_with_its_covariance() -> None:

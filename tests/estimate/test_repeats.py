@@ -17,13 +17,6 @@ def test_values_within_their_deviations_agree_and_their_mean_is_weighted() -> No
     assert found.agree
 
 
-def test_values_further_apart_than_that_do_not_agree_and_widen_the_mean() -> None:
-    found = repeats(time_s=DAYS[:3], value=np.array([1.0, 1.0, 2.0]), std=np.full(3, 0.1))
-
-    assert not found.agree
-    assert found.mean_std == pytest.approx(np.std([1, 1, 2], ddof=1) / np.sqrt(3))
-
-
 def test_a_drift_is_found_with_an_honest_deviation() -> None:
     rng, inside = np.random.default_rng(1), 0
     for _ in range(400):

@@ -95,10 +95,6 @@ def test_lone_and_paired_spikes_are_found_with_what_stands_beside_them() -> None
     assert found[1, 1200] == found[1, 1201] == pytest.approx((rows[1, 1199] + rows[1, 1202]) / 2)
 
 
-def test_a_hundred_thousand_normal_samples_hold_no_spike() -> None:
-    assert len(find_spikes(white(10, 10.0), length=200)[0]) <= 1
-
-
 @pytest.mark.parametrize("rate_over_frequency", [3.0, 4.0, 6.0, 2.1, 17.3])
 def test_a_line_is_no_spike_however_it_is_sampled(rate_over_frequency: float) -> None:
     turns = np.arange(4000) / rate_over_frequency

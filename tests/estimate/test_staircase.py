@@ -118,16 +118,6 @@ def test_what_another_instrument_showed_is_averaged_as_much_earlier_as_thrust_ca
     assert np.isnan(mean_in_windows([late], time_s + 10, time_s)).all()
 
 
-def test_the_torque_beside_the_thrust_is_true_too() -> None:
-    found = record()
-    torque = [(point.mean[5], point.std_of_mean[5]) for point in reduced(found).points]
-    # Motors 1 and 3 turn the same way: each twists the mount by minus 6 mm times its thrust.
-    truth = [-ROTORS.torque_m * true_thrust_n(found, point) for point in reduced(found).points]
-
-    assert all(abs(value - true) < 3 * std for (value, std), true in zip(torque, truth, strict=True))
-    assert max(std for _, std in torque) < 1e-5
-
-
 def test_tare_drift_and_spikes_are_those_of_the_cell() -> None:
     found = record()
     staircase = reduced(found)
@@ -140,27 +130,6 @@ def test_tare_drift_and_spikes_are_those_of_the_cell() -> None:
     assert staircase.drift[2] == pytest.approx(5e-5, rel=0.15)
     assert staircase.spikes == len(found.spikes)
     assert staircase.findings == ()
-
-
-def test_the_tare_follows_a_drift_that_bends() -> None:
-    found = record()
-    bent = found.wrench + 0.02 * np.sin(found.time_s / 20)[:, np.newaxis]
-    mean, straight = (
-        np.array(
-            [
-                point.mean[2]
-                for point in reduce_staircase(
-                    time_s=found.time_s,
-                    channels=channels,
-                    command_time_s=found.command_time_s,
-                    commands=found.commands,
-                ).points
-            ]
-        )
-        for channels in (bent, found.wrench)
-    )
-
-    np.testing.assert_allclose(mean, straight, atol=2e-4)
 
 
 def covered(seeds: range) -> float:
@@ -184,17 +153,6 @@ def test_of_two_thousand_windows_the_truth_is_within_95_percent_of_the_intervals
     assert 0.93 <= held <= 0.97
 
 
-def test_a_sagging_battery_leaves_a_slope_that_is_told() -> None:
-    found = record((60000,), hold_s=8.0, kind="lipo")
-    (point,) = reduced(found).steady()
-    inside = (found.tick_s > point.begin_s) & (found.tick_s < point.end_s)
-    thrust_n = 2 * ROTORS.thrust_ns2_per_rad2 * found.speed_rad_per_s[inside, 0] ** 2
-
-    assert point.end_s - point.begin_s > 7
-    assert point.slope[2] < -4e-4
-    assert point.slope[2] == pytest.approx(np.polyfit(found.tick_s[inside], thrust_n, 1)[0], rel=0.15)
-
-
 def test_a_step_that_never_settles_is_told_and_not_averaged() -> None:
     found = record((20000, 40000), time_constant_s=1.5)
     staircase = reduced(found)
@@ -209,11 +167,11 @@ def test_a_step_that_never_settles_is_told_and_not_averaged() -> None:
 @pytest.mark.parametrize("command", [4000, 34000, 64000])
 def test_a_file_of_one_command_between_two_pauses_needs_no_window(command: int) -> None:
     found = record((command,), hold_s=6.0)
-    staircase = reduce_single(time_s=found.time_s, channels=found.wrench, command=command, motors=(1, 3))
+    staircase = reduce_single(time_s=found.time_s, channels=found.wrench, command=command)
     (point,) = staircase.points
     _, (error,), (std,) = errors(found, [point])
 
-    assert (point.command, point.motors, point.settled) == (command, (1, 3), True)
+    assert (point.command, point.settled) == (command, True)
     assert abs(error) < 3 * std
     assert std < 2e-4
 

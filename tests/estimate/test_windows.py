@@ -86,12 +86,6 @@ def test_noise_ramps_and_slow_waves_are_no_changes(slow_change: Callable[[], Arr
     assert begins(Slow(TIME_S, slow_change())) == []
 
 
-def test_a_sagging_battery_adds_no_change_to_the_one_step() -> None:
-    sagging = response(2, lag_s=0.06) * (1 - 0.02 * (TIME_S - 2)) - (TIME_S > 10) * 0.84
-
-    assert begins(Slow(TIME_S, sagging + 0.002 * noise())) == pytest.approx([2.1, 10.0], abs=0.1)
-
-
 @pytest.mark.parametrize("lag_s", [0.03, 0.06, 0.2])
 @pytest.mark.parametrize("commanded", [True, False])
 def test_onset_and_lag_are_found(lag_s: float, commanded: bool) -> None:
@@ -124,14 +118,6 @@ def test_the_unsteady_beginning_of_a_window_is_cut_off() -> None:
     assert found.reason == ""
     assert 4.0 <= found.begin_s <= 6.5
     assert found.end_s == 10.0
-
-
-def test_the_disturbed_end_of_a_window_is_cut_off() -> None:
-    found = steady(1 + 0.2 * (TIME_S > 8.2) + 0.001 * noise())
-
-    assert found.reason == ""
-    assert found.begin_s == pytest.approx(2.0, abs=0.02)
-    assert 7.4 <= found.end_s <= 8.3
 
 
 def test_a_wave_about_a_line_is_not_steady_but_noise_as_large_is() -> None:

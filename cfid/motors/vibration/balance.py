@@ -41,9 +41,7 @@ def balances(*, time_s: Array, wrench: Array, command_time_s: Array, commands: A
     `time_s` (n,) and `wrench` (n, 6), Fx to Tz in N and Nm, begin with the motors off; `commands` (m, 4) hold from
     `command_time_s` (m,) on. Raises DataError for a record without a staircase.
     """
-    reduced = reduce_staircase(
-        time_s=time_s, channels=wrench, command_time_s=command_time_s, commands=commands, lag_s=None
-    )
+    reduced = reduce_staircase(time_s=time_s, channels=wrench, command_time_s=command_time_s, commands=commands)
     rest = wrench[time_s < command_time_s[np.argmax(commands.any(axis=1))]]
     return [_balance(point, time_s=time_s, wrench=wrench, rest=rest) for point in reduced.points]
 
