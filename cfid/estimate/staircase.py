@@ -636,7 +636,7 @@ def _reduced(
     driven = bool(baselines) and baselines[0].time_s > bounds[steps[0]][0]
     if not baselines or (driven and steps == [0]):
         raise NoBaselineError("no baseline before the first command: log for some seconds before the motors start.")
-    points = []
+    parts = []
     for i in steps:
         height = max(heights[i], _LEAST_HEIGHT * heights.max())
         stretch = Stretch(*windows[i]) if i in windows else _steady(record, baselines, bounds[i], height=height)
@@ -645,7 +645,8 @@ def _reduced(
         elif not stretch.reason:
             tare = _tare(baselines, (stretch.begin_s + stretch.end_s) / 2).value[record.thrust]
             stretch = stretch._replace(reason=_mixed(record, stretch, float(tare)))
-        points.append(_point(record, baselines, intervals[i], begun[max(i - 1, 0)], stretch))
+        parts.append(_point(record, baselines, intervals[i], begun[max(i - 1, 0)], stretch))
+    points = _widened(parts)
     _refuse_silent_or_mixed(points)
     before, ended = baselines[0], baselines[-1].time_s > bounds[steps[-1]][1]
     after = baselines[-1] if ended and len(baselines) > driven else None
@@ -730,13 +731,12 @@ def _tare(baselines: Sequence[Level], time_s: float) -> _Tare:
     shares = np.zeros((len(baselines), len(rise)))
     shares[math.floor(place)] = (1 - part) * before.of.scatter_std
     shares[math.ceil(place)] += part * after.of.scatter_std
-    return _Tare(before.mean + part * rise, shares, _together(shares, [one.of.freedom for one in baselines])[0], slope)
+    return _Tare(before.mean + part * rise, shares, _together(shares, [one.of.freedom for one in baselines]), slope)
 
 
-def _together(parts: Array, freedom: Sequence[Array]) -> tuple[Array, Array]:
-    """Return the standard uncertainty (k,) of a sum of parts (p, k), and the factor (k,) for its degrees of freedom."""
-    factor = widening(effective_freedom(parts, np.array(freedom)))
-    return factor * np.linalg.norm(parts, axis=0), factor
+def _together(parts: Array, freedom: Sequence[Array]) -> Array:
+    """Return the standard uncertainty (k,) of a sum of errors (p, k), widened for its degrees of freedom."""
+    return np.asarray(widening(effective_freedom(parts, np.array(freedom))) * np.linalg.norm(parts, axis=0))
 
 
 def _steady(record: StandSignals, baselines: Sequence[Level], bounds: Window, *, height: float) -> Stretch:
@@ -750,7 +750,8 @@ def _steady(record: StandSignals, baselines: Sequence[Level], bounds: Window, *,
 
 def _point(
     record: StandSignals, baselines: Sequence[Level], interval: Interval, onset: Onset, stretch: Stretch
-) -> Point:
+) -> tuple[Point, Mean]:
+    """Return a step's point with the tare's shares before they are widened, and the mean of its window."""
     running = {motor: command for motor, command in enumerate(interval.commands or (), start=1) if command}
     if len(set(running.values())) > 1:
         raise DataError(f"at {interval.begin_s:.4g} s motors have different commands, {interval.commands}: not a step.")
@@ -759,10 +760,10 @@ def _point(
     found = Mean(*[np.full_like(tare.value, math.nan)] * 5) if reason else _averaged(record, stretch)
     mean = found.value - tare.value
     parts = np.vstack([found.scatter_std, tare.shares])
-    std, factor = _together(parts, [found.freedom, *(one.of.freedom for one in baselines)])
+    std = _together(parts, [found.freedom, *(one.of.freedom for one in baselines)])
     if (command or 0) > DEAD_COMMAND and abs(mean[record.thrust]) < _SEEN * std[record.thrust]:
         reason = f"{_SILENT} at command {command}: {mean[record.thrust]:.2g} +- {std[record.thrust]:.2g} N"
-    return Point(
+    point = Point(
         command=command,
         motors=tuple(running),
         begin_s=stretch.begin_s,
@@ -772,9 +773,29 @@ def _point(
         effective_samples=found.effective_samples,
         slope=found.slope - tare.slope,
         tare=tare.value,
-        tare_shares=factor * tare.shares,
+        tare_shares=tare.shares,
         onset_s=onset.time_s,
         lag_s=onset.lag_s,
         delay_s=None if command is None else onset.time_s - interval.begin_s,
         reason=reason,
     )
+    return point, found
+
+
+def _widened(parts: Sequence[tuple[Point, Mean]]) -> list[Point]:
+    """Return the points with what they share of a tare widened alike, so that it stays one error of all of them.
+
+    The factor is the usual one of the points, for the degrees of freedom of window and tare together.
+    """
+    shared = [np.linalg.norm(point.tare_shares, axis=0) for point, _ in parts]
+    together = [np.hypot(mean.scatter_std, tare) for (_, mean), tare in zip(parts, shared, strict=True)]
+    factors = [
+        point.std_of_mean / std
+        for (point, _), std in zip(parts, together, strict=True)
+        if np.all(std > 0)  # also false for NaN
+    ]
+    usual = np.median(factors, axis=0) if factors else 1.0
+    return [
+        replace(point, std_of_mean=np.hypot(mean.std, usual * tare), tare_shares=usual * point.tare_shares)
+        for (point, mean), tare in zip(parts, shared, strict=True)
+    ]
