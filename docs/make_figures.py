@@ -19,8 +19,8 @@ from cfid.drawing.style import INK, KEY_IN, MODEL, MUTED, RECORDED, figure, key_
 from cfid.sim.plants import HandRelease, Pendulum, swing
 from cfid.swing.estimation import fit_swing
 from cfid.swing.figures import swing_figure
-from cfid.swing.free_swing import FreeSwing, find_swing
 from cfid.swing.thesis import fit_damped_cosine
+from cfid.swing.window import FreeSwing, find_swing
 
 Array = npt.NDArray[np.float64]
 

@@ -16,7 +16,7 @@ from scipy.integrate import solve_ivp
 from cfid.drawing.style import ALERT
 from cfid.friction.drops import Drop, measure_drop
 from cfid.swing.estimation import SwingFit, fit_swing
-from cfid.swing.free_swing import FreeSwing, find_swing
+from cfid.swing.window import FreeSwing, find_swing
 
 Array = npt.NDArray[np.float64]
 

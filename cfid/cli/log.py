@@ -37,27 +37,23 @@ def encoder(
 
     Example: [bold]cfid log encoder --axis x --for 20[/bold]
     """
-    from cfid.records.rig_file import EncoderPort, RigFacts
+    from cfid.records.rig_file import RigFacts
     from cfid.rig.encoder import ready_encoder
     from cfid.rig.run import Plan
-    from cfid.swing.during import Release
 
     rig = rig_of(keep.campaign)
     campaign, devices, simulated = rig.campaign, rig.devices, rig.simulated
     kept = label.label(campaign)
-    swings = label.kind_of_angles == "swing"
     setting, counts_per_turn = devices.encoder, campaign.rig.encoder.counts_per_turn
     if port is not None:
         refuse_mixture("--port", simulated)
         setting = setting.model_copy(update={"port": port})
     if rate_hz is not None:
         setting = setting.sampled_at(positive(rate_hz, "--rate-hz"))
-    turn = counts_per_turn if isinstance(setting, EncoderPort) else setting.turn(counts_per_turn)
     plan = Plan(
         runs_folder=campaign.runs_folder,
         kind=label.kind_of_angles,
         label=kept,
-        notice=Release(turn) if swings else (lambda name, columns: ""),
         for_s=lasting.seconds,
         facts=RigFacts(lab_book=campaign.rig.lab_book),
         simulated=simulated,

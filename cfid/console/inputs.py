@@ -42,9 +42,9 @@ class Workplace:
 
 
 def open_workplace(options: RigOptions, *, gravity: Measured = NOT_GIVEN) -> Workplace:
-    """Find the campaign and its rig, with the rig of the thesis as the default.
+    """Find the campaign and its rig; without either, the thesis' is borrowed.
 
-    --geometry replaces the rig, and `gravity` in m/s^2 the gravity of its site.
+    --geometry replaces the rig, `thesis` by that of the thesis, and `gravity` in m/s^2 the gravity of its site.
     """
     from cfid.records.campaign import find_campaign
     from cfid.records.rig_file import load_rig, thesis_rig
@@ -52,7 +52,7 @@ def open_workplace(options: RigOptions, *, gravity: Measured = NOT_GIVEN) -> Wor
     campaign = find_campaign(options.campaign)
     borrowed = options.geometry is None and campaign is None
     if options.geometry is not None:
-        rig = load_rig(options.geometry)
+        rig = thesis_rig() if str(options.geometry) == "thesis" else load_rig(options.geometry)
     else:
         rig = thesis_rig() if campaign is None else campaign.rig
     given = {"gravity_mps2": gravity.value, "gravity_std_mps2": gravity.std}

@@ -74,7 +74,12 @@ class RigOptions:
         ),
     ] = None
     geometry: Annotated[
-        Path | None, typer.Option(help="A rig.toml to use instead of the campaign's.", rich_help_panel=_RIG)
+        Path | None,
+        typer.Option(
+            metavar="FILE|thesis",
+            help="A rig.toml to use instead of the campaign's, or that of the thesis.",
+            rich_help_panel=_RIG,
+        ),
     ] = None
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cfid.estimate.voltage_cubic import IDLE, cubic_fault
-from cfid.inertia.consistency import is_consistent
+from cfid.inertia.matrix import is_consistent
 from cfid.units import DEAD_COMMAND, FULL_COMMAND
 
 Array = npt.NDArray[np.float64]

@@ -1,8 +1,8 @@
 """One dropped weight: where the axis' speed is steady, and the fall up to there (sections 2.4.2, C.1.2)."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 import numpy.typing as npt
@@ -10,9 +10,10 @@ from scipy.ndimage import median_filter
 from scipy.optimize import least_squares
 
 from cfid.errors import DataError
+from cfid.estimate.held_readings import once_each
 from cfid.estimate.linear import mean_of
 from cfid.estimate.signals import GRID_S, check_dense, resample
-from cfid.friction.turns import check_turns, counted_turns
+from cfid.findings import Finding, note
 
 Array = npt.NDArray[np.float64]
 
@@ -27,6 +28,14 @@ _BEND_S, _AFTER_S, _BESIDE_S, _CLEAR = 1.0, 0.5, 0.02, 30.0
 _QUICK = 0.1  # of the rise at the release: the least slowing of the axis by an impact, as a line over half a second
 _MOVING = 0.2  # of the highest speed
 _BEFORE_S = 0.3
+_JUMP_RAD = math.pi / 2  # largest difference between one step and the next: no axis turns like that
+_EVEN = 1.5  # times the usual step: beyond, samples are missing
+_BESIDE = 7  # samples on each side that show the speed
+_LONGEST_S = 0.5  # longest time that a speed is known to last
+_EDGES_SHARE = 0.95  # least share of one-count steps in rows of an encoder's edges
+_FEW_LOST = 3.5  # counts between two such rows, as a few may be lost, in which the axis hardly turned
+_APART_S = 5.0  # time that separates two recordings in one file
+_BEGIN_S = 0.05  # by which a fall may begin before it is fast
 _NEAR = 0.25  # of the mean speed: if the speed tends to a value farther from it, the fall has not shown that value
 
 
@@ -79,7 +88,7 @@ def measure_drop(
     Raises DataError when the axis does not turn, or when the samples are too few for the time that they span.
     """
     check_dense(time_s)
-    counted, unclear = counted_turns(time_s - time_s[0], angle_rad)
+    counted, unclear = _counted_turns(time_s - time_s[0], angle_rad)
     grid, angle = resample(time_s - time_s[0], counted, step_s=GRID_S)
     if np.ptp(angle) < 2 * np.pi:
         raise DataError(f"the axis turns by {np.ptp(angle):.2g} rad in all: no weight dropped, or the wrong unit.")
@@ -89,12 +98,12 @@ def measure_drop(
     window, ripple = _steady_window(speed, moving)
     if from_s is not None or to_s is not None:
         window = _by_hand(grid, from_s, to_s)
-        ripple = _unsteadiness(_blocks(speed[window]))
+        ripple = float(_unsteadiness(_blocks(speed[window]))[-1])
     inside = speed[window]
     mean = float(inside.mean())
     if mean <= 0:
         raise DataError("the axis stands still in the window: choose another.")
-    check_turns(time_s - time_s[0], counted, unclear, grid[moving.start], grid[window.stop - 1])
+    _check_turns(time_s - time_s[0], counted, unclear, grid[moving.start], grid[window.stop - 1])
     begin, (terminal, tau), model = _fit_fall(grid, angle, moving.start, window.stop, mean)
     fall = slice(moving.start, window.stop)  # after it the weight may be on the floor
     return Drop(
@@ -134,18 +143,15 @@ def _blocks(speed: Array) -> Array:
     return np.array([part.mean() for part in np.array_split(speed, count)])
 
 
-def _unsteadiness(blocks: Array) -> float:
-    """Return the larger of the trend across a segment and its scatter, relative to its mean."""
-    place, size = _across(len(blocks))
-    trend = float(blocks @ place / size) if len(blocks) > 1 else 0.0
-    return max(abs(trend), float(blocks.std())) / max(abs(float(blocks.mean())), 1e-12)
-
-
-@cache
-def _across(count: int) -> tuple[Array, float]:
-    """Return places (count,) from one end of a segment, -0.5, to the other, 0.5, and the sum of their squares."""
-    place = np.linspace(-0.5, 0.5, count) if count > 1 else np.zeros(1)
-    return place, float(place @ place)
+def _unsteadiness(blocks: Array) -> Array:
+    """Return for each first part (1 to n blocks) of a segment the larger of its trend and scatter, over its mean."""
+    count = np.arange(1, len(blocks) + 1)
+    total, moment, squares = (np.cumsum(blocks * weight) for weight in (1.0, count - 1, blocks))
+    mean = total / count
+    places = count * (count + 1) / 12  # squares of places from -0.5 to 0.5, times one less than their number
+    trend = np.abs(moment - (count - 1) * total / 2) / places
+    scatter = np.sqrt(np.maximum(squares / count - mean**2, 0.0))
+    return np.asarray(np.maximum(trend, scatter) / np.maximum(np.abs(mean), 1e-12))
 
 
 def _steady_window(speed: Array, moving: slice) -> tuple[slice, float]:
@@ -155,22 +161,18 @@ def _steady_window(speed: Array, moving: slice) -> tuple[slice, float]:
     thesis' 10 g case, must not hide between two of its waves.
     """
     length = max(round(_BLOCK_S / GRID_S), 1)
-    fall = speed[moving]
-    blocks = _blocks(fall)
+    blocks = _blocks(speed[moving])
     best: tuple[int, float, int, int] | None = None
     for first in range(len(blocks)):
-        for last in range(len(blocks), first, -1):
-            seconds = (last - first) * _BLOCK_S
-            turns = blocks[first:last].sum() * _BLOCK_S / (2 * math.pi)
-            if seconds < _SHORTEST_S or turns < 2:
-                break
-            ripple = _unsteadiness(blocks[first:last])
-            steady = ripple <= _STEADY
-            key = (last - first if steady else 0, -ripple, first, last)
-            if best is None or key[:2] > best[:2]:
-                best = key
-            if steady:
-                break
+        ripple, turned = _unsteadiness(blocks[first:]), np.cumsum(blocks[first:]) * _BLOCK_S / (2 * math.pi)
+        enough = (np.arange(1, len(ripple) + 1) * _BLOCK_S >= _SHORTEST_S) & (turned >= 2)
+        if not enough.any():
+            continue
+        steady = np.flatnonzero(enough & (ripple <= _STEADY))
+        place = int(steady[-1]) if len(steady) else int(np.argmin(np.where(enough, ripple, np.inf)))
+        key = (place + 1 if len(steady) else 0, -float(ripple[place]), first, first + place + 1)
+        if best is None or key[:2] > best[:2]:
+            best = key
     if best is None:
         return moving, math.inf
     start = moving.start + best[2] * length
@@ -251,3 +253,87 @@ def _speed_per_turn(time: Array, angle: Array, speed: Array, tau: float) -> floa
     rows = np.stack([np.ones(len(time)), turned - turned.mean(), start], axis=1)
     level, slope, _ = np.linalg.lstsq(rows, speed, rcond=None)[0]
     return float(slope / level) if level > 0 else 0.0
+
+
+def read_once(time_s: Array, angle_rad: Array) -> tuple[Array, Array, tuple[Finding, ...]]:
+    """Return the times (m,) and angles (m,) of a record's rows (n,) with a new reading, and notes on what rows are.
+
+    Rows that repeat a reading show an axis that stands still and then jumps. Angles are compared within a turn, where
+    they show the sensor's steps; those over many turns of an even speed grow by steps that are not the sensor's.
+    """
+    if _count_of_edges(angle_rad):
+        text = "rows are changes of the encoder's count by one: where none was written, the axis stood still."
+        return time_s, angle_rad, (note("friction-rows-are-edges", text, "friction.*"),)
+    counts, readings = once_each(time_s, angle_rad % (2 * math.pi))
+    if not readings.age_s:
+        return time_s, angle_rad, ()
+    rate_hz, share = 1 / readings.row_s, readings.read / readings.rows
+    text = (
+        f"each reading of the angle is repeated in about {1 / share:.2g} rows: {rate_hz:.3g} rows a second show "
+        f"{rate_hz * share:.3g} readings. The first row of each counts."
+    )
+    return time_s[counts], angle_rad[counts], (note("friction-angle-repeated", text, "friction.*"),)
+
+
+def _counted_turns(time_s: Array, angle_rad: Array) -> tuple[Array, Sequence[int]]:
+    """Return an angle (n,) with the turns that its speed shows where samples are missing, and the gaps that stay open.
+
+    A reading within a turn does not show how many turns passed while none was taken. The speeds on both sides of the
+    gap do, where they agree within half a turn; other gaps are returned by the index of the sample before them. Where
+    an encoder writes a row at each of its counts, the axis hardly turned between two rows that are a few counts apart.
+    Raises DataError for a gap that no recording of a fall has.
+    """
+    step_s, step = np.diff(time_s), np.diff(angle_rad)
+    if step_s.max() > _APART_S:
+        begin_s = time_s[int(np.argmax(step_s))]
+        raise DataError(
+            f"nothing was recorded for {step_s.max():.3g} s after the first {begin_s:.3g} s. Was the clock set? Fit a "
+            "file of one part."
+        )
+    still_rad = _FEW_LOST * _count_of_edges(angle_rad)
+    even = step_s < _EVEN * np.median(step_s)
+    speed = np.where(even, step / step_s, np.nan)
+    turns, unclear = np.zeros(len(step)), []
+    for place in np.flatnonzero(~even).tolist():
+        before, after = _usual(speed[max(place - _BESIDE, 0) : place]), _usual(speed[place + 1 :][:_BESIDE])
+        if step_s[place] > _LONGEST_S or abs(after - before) * step_s[place] > math.pi:
+            if abs(step[place]) > still_rad:
+                unclear.append(place)
+        else:
+            turns[place] = np.rint(((before + after) / 2 * step_s[place] - step[place]) / (2 * math.pi))
+    return angle_rad + 2 * math.pi * np.concatenate([[0.0], np.cumsum(turns)]), unclear
+
+
+def _check_turns(time_s: Array, angle_rad: Array, unclear: Sequence[int], from_s: float, to_s: float) -> None:
+    """Raise DataError where turns are miscounted between two times of a fall: the angle (n,) jumps or a gap is long."""
+    late = [place for place in unclear if time_s[place] < to_s and time_s[place + 1] > from_s - _BEGIN_S]
+    if late:
+        begin, end = time_s[late[0]], time_s[late[0] + 1]
+        raise DataError(
+            f"samples are missing from {begin:.2f} to {end:.2f} s, within the fall: its turns cannot be counted. End "
+            "what else keeps the computer busy."
+        )
+    fall = (time_s[1:-1] > from_s) & (time_s[1:-1] < to_s)
+    step_s = np.diff(time_s)
+    even = np.maximum(step_s[1:], step_s[:-1]) < _EVEN * np.median(step_s)
+    jumps = np.flatnonzero(fall & even & (np.abs(np.diff(angle_rad, 2)) > _JUMP_RAD))
+    if len(jumps):
+        raise DataError(
+            f"the angle jumps by more than a quarter of a turn at {time_s[jumps[0] + 1]:.2f} s, within the fall: its "
+            "turns cannot be counted. See to the encoder's cable."
+        )
+
+
+def _count_of_edges(angle_rad: Array) -> float:
+    """Return an encoder's count in radians where rows (n,) are its changes by one count; 0 where it is polled.
+
+    A few rows may have been lost, or repeat a count where the axis turned back.
+    """
+    steps = np.abs(np.diff(angle_rad))
+    count = float(np.median(steps))
+    return count if np.mean(np.isclose(steps, count)) > _EDGES_SHARE else 0.0
+
+
+def _usual(speed: Array) -> float:
+    known = speed[np.isfinite(speed)]
+    return float(np.median(known)) if len(known) else 0.0

@@ -69,15 +69,15 @@ def fit_friction(
     # Radius and gravity are common to all runs: their errors do not average out.
     common = math.hypot(radius_std_m / radius_m, gravity_std_mps2 / gravity_mps2)
     with_speed = math.hypot(common, speed_scale_std)
-    inertia = _setup_inertia(settled, viscous, radius_m, with_speed) if viscous.value > 0 else _Estimate(None, None)
+    inertia = _setup_inertia(settled, viscous, radius_m, with_speed) if viscous.value > 0 else None
     findings += (*_negative_inertia(inertia), *([_NO_SCATTER] if len(settled) == _FEWEST else []))
     return FrictionEstimate(
         viscous_nms_per_rad=viscous.value,
         viscous_std=_with(viscous.std, viscous.value * with_speed),
         coulomb_nm=coulomb.value,
         coulomb_std=_with(coulomb.std, coulomb.value * common),
-        setup_inertia_kg_m2=inertia.value,
-        setup_inertia_std=inertia.std,
+        setup_inertia_kg_m2=None if inertia is None else inertia.value,
+        setup_inertia_std=None if inertia is None else inertia.std,
         findings=findings,
     )
 
@@ -98,13 +98,8 @@ def thesis_friction(drops: Sequence[Drop]) -> FrictionEstimate:
     )
 
 
-class _Known(NamedTuple):
+class _Value(NamedTuple):
     value: float
-    std: float | None
-
-
-class _Estimate(NamedTuple):
-    value: float | None
     std: float | None
 
 
@@ -133,7 +128,7 @@ _ONE_WEIGHT = rejection(
 )
 
 
-def _line(speed: Array, torque: Array, weights: Array) -> tuple[_Known, _Known, tuple[Finding, ...]]:
+def _line(speed: Array, torque: Array, weights: Array) -> tuple[_Value, _Value, tuple[Finding, ...]]:
     """Fit torque = coulomb + viscous * speed, neither negative; return both, and findings.
 
     `weights` (n, n) is the covariance that the torques (n,) have from their weights.
@@ -142,14 +137,14 @@ def _line(speed: Array, torque: Array, weights: Array) -> tuple[_Known, _Known, 
     if coulomb.value < 0:
         text = f"Coulomb friction came out at {coulomb.value:.2g} N m: it is set to zero. Drop more weights."
         through_zero = _least_squares([speed], torque, weights)[0]
-        return _Known(0.0, None), through_zero, (warning("friction-coulomb-zero", text, COULOMB),)
+        return _Value(0.0, None), through_zero, (warning("friction-coulomb-zero", text, COULOMB),)
     if viscous.value < 0:
         text = f"viscous friction came out at {viscous.value:.2g} N m s/rad: it is set to zero. Drop more weights."
         unknown = "without viscous friction the start of a fall does not give the inertia of the set-up."
         level = _least_squares([np.ones_like(speed)], torque, weights)[0]
         return (
             level,
-            _Known(0.0, None),
+            _Value(0.0, None),
             (
                 warning("friction-viscous-zero", text, VISCOUS),
                 rejection("friction-inertia-undetermined", unknown, SETUP_INERTIA),
@@ -158,7 +153,7 @@ def _line(speed: Array, torque: Array, weights: Array) -> tuple[_Known, _Known, 
     return coulomb, viscous, ()
 
 
-def _least_squares(columns: list[Array], torque: Array, weights: Array) -> list[_Known]:
+def _least_squares(columns: list[Array], torque: Array, weights: Array) -> list[_Value]:
     """Return each column's coefficient with its standard uncertainty from the scatter, None without degrees of freedom.
 
     The covariance of the weights (n, n) is added, since their errors need not scatter. What differs from drop to drop
@@ -167,7 +162,7 @@ def _least_squares(columns: list[Array], torque: Array, weights: Array) -> list[
     found = fit_linear(np.stack(columns, axis=1), torque, noise_known=False)
     freedom, of_weights = found.degrees_of_freedom, std_of(found.gain @ weights @ found.gain.T)
     return [
-        _Known(float(value), math.hypot(widened(float(std), freedom), weighed) if freedom else None)
+        _Value(float(value), math.hypot(widened(float(std), freedom), weighed) if freedom else None)
         for value, std, weighed in zip(found.values, found.std, of_weights, strict=True)
     ]
 
@@ -215,21 +210,21 @@ def _layers_finding(drops: Sequence[Drop], viscous: float, radius_m: float, grav
     return (rejection("friction-radius-changes", text, VISCOUS, COULOMB, SETUP_INERTIA),)
 
 
-def _setup_inertia(drops: Sequence[Drop], viscous: _Known, radius_m: float, common: float) -> _Estimate:
+def _setup_inertia(drops: Sequence[Drop], viscous: _Value, radius_m: float, common: float) -> _Value:
     """Return the mean of c tau - m r^2 over the drops; c and the radius are common to all of them."""
     weights = np.array([drop.weight_kg for drop in drops])
     accelerated = viscous.value * np.array([drop.time_constant_s for drop in drops])
     values = accelerated - weights * radius_m**2
     scatter = _mean_std(values)
     if scatter is None or viscous.std is None:
-        return _Estimate(float(values.mean()), None)
+        return _Value(float(values.mean()), None)
     shared = float(accelerated.mean()) * math.hypot(viscous.std / viscous.value, common)
-    return _Estimate(float(values.mean()), math.hypot(scatter, shared))
+    return _Value(float(values.mean()), math.hypot(scatter, shared))
 
 
-def _negative_inertia(inertia: _Estimate) -> tuple[Finding, ...]:
+def _negative_inertia(inertia: _Value | None) -> tuple[Finding, ...]:
     """Reject all that rests on the radius where the axis would have a negative inertia, beyond noise."""
-    if inertia.value is None or inertia.std is None or inertia.value >= -_BEYOND_STD * inertia.std:
+    if inertia is None or inertia.std is None or inertia.value >= -_BEYOND_STD * inertia.std:
         return ()
     text = (
         f"what turns would have an inertia of {inertia.value:.2g} +- {inertia.std:.1g} kg m^2: the weights fall faster "

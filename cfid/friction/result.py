@@ -5,9 +5,8 @@ from typing import Any, Literal
 
 from cfid.errors import ConfigError, DataError, check_positive
 from cfid.findings import Finding, warning
-from cfid.friction.drops import Drop, measure_drop
+from cfid.friction.drops import Drop, measure_drop, read_once
 from cfid.friction.estimation import COULOMB, SETUP_INERTIA, VISCOUS, FrictionEstimate, fit_friction, thesis_friction
-from cfid.friction.repeated import read_once
 from cfid.quantities.registry import Range
 from cfid.recordings.angle import AngleRecord, AngleSource, angle_record
 from cfid.recordings.gyro import SCALE_STD
@@ -21,7 +20,7 @@ from cfid.records.plausibility import (
 )
 from cfid.records.result import Dependent, Figures, Result
 from cfid.records.rig_file import Rig
-from cfid.swing.data import rig_or_thesis
+from cfid.swing.body import rig_around, surroundings
 from cfid.units import MM
 
 _RADIUS_MM = Range(0.2, 20, "an axis in a ball bearing")
@@ -43,7 +42,7 @@ def fit(
     """Fit the friction of the swing's axis to weights dropped on a line wound around it; labels state the grams.
 
     The radius is that of the line's middle. Where radius or gravity is not given, it is that of `rig`, else that of the
-    campaign in which the recordings lie, else the thesis'. The window of steady speed is found; `from_s` and `to_s`, in
+    campaign in which the recordings lie. The window of steady speed is found; `from_s` and `to_s`, in
     seconds since the first sample, set it by hand.
 
     Raises ConfigError for a radius that is not known, or that is zero or less, DataError for a recording without a
@@ -51,12 +50,11 @@ def fit(
     """
     check_positive(radius_m=radius_m, gravity_mps2=gravity_mps2)
     records = [angle_record(drop) for drop in drops]
-    rig, notes = rig_or_thesis(records, rig)
-    gravity_mps2 = gravity_mps2 or rig.site.gravity_mps2
-    gravity_std_mps2 = rig.site.gravity_std_mps2 if gravity_std_mps2 is None else gravity_std_mps2
+    rig = rig_around(records, rig)
+    around = surroundings(rig, gravity_mps2, gravity_std_mps2)
+    gravity_mps2, gravity_std_mps2 = around.gravity_mps2, around.gravity_std_mps2
     if radius_m is None:
-        radius_m, radius_std_m, line = _lever_m(rig, thesis=method == "thesis")
-        notes += line
+        radius_m, radius_std_m, notes = _lever_m(rig, thesis=method == "thesis")
     else:
         exact = () if radius_std_m is not None else (taken_as_exact("radius", VISCOUS, COULOMB, SETUP_INERTIA),)
         notes = (*exact, *_line_not_added(rig))
@@ -113,14 +111,16 @@ def fit(
     )
 
 
-def _lever_m(rig: Rig, *, thesis: bool) -> tuple[float, float, tuple[Finding, ...]]:
+def _lever_m(rig: Rig | None, *, thesis: bool) -> tuple[float, float, tuple[Finding, ...]]:
     """Return the radius at which the line pulls, its standard uncertainty, and a warning if no thickness is stated.
 
     The thesis method takes the radius of the axis.
     """
-    axis = rig.friction
+    axis = None if rig is None else rig.friction
     if axis is None:
-        raise ConfigError("the radius of the axis is not known: add [friction] to rig.toml, or give the radius.")
+        raise ConfigError(
+            "the radius of the axis is not known: add [friction] to rig.toml, or give the radius, or `geometry` thesis."
+        )
     if thesis:
         return MM * axis.radius_mm, MM * axis.radius_std_mm, ()
     found: tuple[Finding, ...] = ()
@@ -134,9 +134,9 @@ def _lever_m(rig: Rig, *, thesis: bool) -> tuple[float, float, tuple[Finding, ..
     return MM * axis.lever_mm, MM * axis.lever_std_mm, found
 
 
-def _line_not_added(rig: Rig) -> tuple[Finding, ...]:
+def _line_not_added(rig: Rig | None) -> tuple[Finding, ...]:
     """Return a warning that rig.toml's thickness of the line is not added to a given radius, which contains it."""
-    if rig.friction is None or not rig.friction.line_mm:
+    if rig is None or rig.friction is None or not rig.friction.line_mm:
         return ()
     text = (
         f"the given radius is taken as that of the line's middle: half of rig.toml's line_mm, "

@@ -4,12 +4,10 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Annotated
-
-import typer
+from typing import TYPE_CHECKING
 
 from cfid.console.flat import flat
-from cfid.console.inputs import Workplace, open_workplace
+from cfid.console.inputs import Workplace, open_workplace, read_recording, split_label
 from cfid.console.lists import measured
 from cfid.console.options import (
     Delivery,
@@ -22,10 +20,12 @@ from cfid.console.options import (
 )
 from cfid.console.outcome import deliver
 from cfid.console.selection import chosen
-from cfid.records.choose import labelled
+from cfid.records.choose import Matches, labelled
 
 if TYPE_CHECKING:
+    from cfid.recordings.angle import AxisRecord
     from cfid.records.result import Result
+    from cfid.swing.body import KnownInertia
 
 
 @flat
@@ -35,10 +35,6 @@ def inertia(
     window: WindowOptions,
     rig: RigOptions,
     delivery: Delivery,
-    propose: Annotated[bool, typer.Option("--propose", help="Propose axes and distances for the next swings.")] = False,
-    plan: Annotated[
-        bool, typer.Option("--plan", hidden=True, help="Same as --propose, under its name in version 0.1.")
-    ] = False,
     mass_kg: MassKg = None,
     gravity_mps2: GravityMps2 = None,
     method: Method = "default",
@@ -62,7 +58,6 @@ def inertia(
         gravity_mps2=gravity.value,
         gravity_std_mps2=gravity.std,
         method=method,
-        propose=propose or plan,
     )
     _fit_swings(fit, runs, body="crazyflie", window=window, workplace=workplace, delivery=delivery)
 
@@ -84,13 +79,13 @@ def testbody(
 
     Example: [bold]cfid fit testbody x=tb_x.csv z=tb_z.csv[/bold]
     """
-    from cfid.inertia import testbody_result
+    from cfid.inertia.testbody_result import fit_testbody
 
     gravity = measured(gravity_mps2, "--gravity-mps2")
     workplace = open_workplace(rig, gravity=gravity)
     mass = measured(mass_kg, "--mass-kg")
     fit = partial(
-        testbody_result.fit_testbody,
+        fit_testbody,
         mass_kg=mass.value,
         mass_std_kg=mass.std,
         gravity_mps2=gravity.value,
@@ -109,15 +104,38 @@ def _fit_swings(
     workplace: Workplace,
     delivery: Delivery,
 ) -> None:
-    from cfid.swing import arguments, data
+    from cfid.swing.body import FIXTURE
+    from cfid.swing.command import parse_peaks
 
     wanted = "swings of the test body" if body == "testbody" else "swings of the vehicle"
-    suits = labelled("swing", body, data.FIXTURE)
+    suits = labelled("swing", body, FIXTURE)
     words = chosen(runs, workplace.campaign, suits=suits, wanted=wanted)
-    found = fit(
-        arguments.read_swings(words, workplace, suits),
+    result = fit(
+        [_read_swing(word, workplace, suits) for word in words],
         rig=None if workplace.borrowed else workplace.rig,
-        peaks=arguments.parse_peaks(window.peaks),
+        peaks=parse_peaks(window.peaks),
         smallest_peak_rad=math.radians(window.min_angle_deg or 1.0),
     )
-    deliver(replace(found, folder=workplace.figures), delivery, workplace.campaign, workplace.own_rig)
+    deliver(replace(result, folder=workplace.figures), delivery, workplace.campaign, workplace.own_rig)
+
+
+def _read_swing(word: str, workplace: Workplace, suits: Matches) -> "AxisRecord | KnownInertia":
+    """Read AXIS=FILE, AXIS=NUMBER, AXIS=NUMBER:STD, fixture=FILE, or a RUN whose label has the axis.
+
+    `suits` describes the runs among which `last` is. Raises ConfigError for numbers that are not an inertia.
+    """
+    from cfid.recordings.angle import labelled as with_label
+    from cfid.swing.body import FIXTURE, KnownInertia
+
+    label, rest = split_label(word, workplace)
+    value, colon, std = rest.partition(":")
+    try:
+        numbers = float(value), float(std) if colon else 0.0
+    except ValueError:
+        numbers = None
+    if label and numbers:
+        return KnownInertia(label, *numbers)
+    record = read_recording(rest, workplace, suits)
+    if label == FIXTURE:
+        return with_label(record, body=FIXTURE)
+    return with_label(record, axis=label) if label else record

@@ -3,20 +3,19 @@
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
+from uncertainties import nominal_value, std_dev
 
-from cfid.estimate.propagation import Input, contributions
 from cfid.records.rig_file import TestBody
-from cfid.swing.axis_inertias import AxisInertias, axis_inertia, from_cuboids
-
-Array = npt.NDArray[np.float64]
+from cfid.swing.body import AxisInertias, from_cuboids, uncertain
+from cfid.units import MM
 
 
 @dataclass(frozen=True, kw_only=True)
 class BodyComparison:
     """One axis of table 2.5: both inertias about the parallel axis through the centre of mass.
 
-    `error_std` is the standard uncertainty of the relative error; the mass, which both inertias share, counts once.
+    `error` is the relative error of the measured inertia, as table 2.5 prints it: negative below the drawing. In its
+    standard uncertainty, the mass, which both inertias share, counts once.
     """
 
     axis: str
@@ -24,12 +23,8 @@ class BodyComparison:
     calculated_std_kg_m2: float
     measured_kg_m2: float
     measured_std_kg_m2: float
+    error: float
     error_std: float
-
-    @property
-    def error(self) -> float:
-        """Relative error of the measured inertia, as table 2.5 prints it: negative below the drawing."""
-        return (self.measured_kg_m2 - self.calculated_kg_m2) / self.calculated_kg_m2
 
     @property
     def deviations(self) -> float:
@@ -37,39 +32,26 @@ class BodyComparison:
         return abs(self.error) / self.error_std if self.error_std > 0 else np.inf
 
 
-def compare(body: TestBody, axis_inertias: AxisInertias) -> list[BodyComparison]:
+def compare(body: TestBody, axes: AxisInertias) -> list[BodyComparison]:
     """Compare calculated and measured inertia for each swing."""
-    edges = _edges(body)
-    inputs = (*axis_inertias.inputs, *edges)
-    mass = next(i for i, given in enumerate(inputs) if given.name == "mass")
-
-    def both(values: Array) -> Array:
-        swung = axis_inertias.evaluate(values[: -len(edges)])
-        drawn = from_cuboids(body.cuboids, mass_kg=float(values[mass]), scale=values[-len(edges) :].reshape(-1, 3))
-        calculated = np.array([axis_inertia(drawn.inertia_kg_m2, direction) for direction in swung.direction])
-        return np.stack([calculated, swung.about_centre_kg_m2, swung.about_centre_kg_m2 / calculated])
-
-    count = len(axis_inertias.swings)
-    values = both(np.array([given.value for given in inputs]))
-    moved = contributions(lambda v: both(v).ravel(), inputs).reshape(3, count, -1)
-    std = np.sqrt(np.sum(moved**2, axis=2))
-    return [
-        BodyComparison(
-            axis=swing.axis,
-            calculated_kg_m2=float(values[0, i]),
-            calculated_std_kg_m2=float(std[0, i]),
-            measured_kg_m2=float(values[1, i]),
-            measured_std_kg_m2=float(std[1, i]),
-            error_std=float(std[2, i]),
+    mass = axes.shared.get("mass", body.mass_kg)
+    edges = [
+        [MM * uncertain(size, body.length_std_mm, "lengths") for size in cuboid.size_mm] for cuboid in body.cuboids
+    ]
+    drawn = from_cuboids(body.cuboids, mass_kg=mass, sizes_m=np.array(edges, dtype=object)).inertia_kg_m2
+    comparisons = []
+    for swing, direction, measured in zip(axes.swings, axes.direction, axes.about_centre_kg_m2, strict=True):
+        calculated = direction @ drawn @ direction
+        error = measured / calculated - 1
+        comparisons.append(
+            BodyComparison(
+                axis=swing.axis,
+                calculated_kg_m2=float(nominal_value(calculated)),
+                calculated_std_kg_m2=float(std_dev(calculated)),
+                measured_kg_m2=float(nominal_value(measured)),
+                measured_std_kg_m2=float(std_dev(measured)),
+                error=float(nominal_value(error)),
+                error_std=float(std_dev(error)),
+            )
         )
-        for i, swing in enumerate(axis_inertias.swings)
-    ]
-
-
-def _edges(body: TestBody) -> list[Input]:
-    """Return the scale of every cuboid's edges as uncertain inputs, in the order of their sizes."""
-    return [
-        Input(name=f"edge {i}{j}", group="lengths", value=1.0, std=body.length_std_mm / size)
-        for i, cuboid in enumerate(body.cuboids)
-        for j, size in enumerate(cuboid.size_mm)
-    ]
+    return comparisons

@@ -12,9 +12,9 @@ from cfid.records.parameters import Source
 from cfid.records.plausibility import taken_as_exact
 from cfid.records.result import Dependent
 from cfid.records.rig_file import Mount
-from cfid.swing.axis_inertias import MountedSwing
-from cfid.swing.data import FIXTURE, KnownInertia, check_peaks, peaks_on, threads_of
+from cfid.swing.body import FIXTURE, KnownInertia, MountedSwing, threads_of
 from cfid.swing.result import FREQUENCY, Method, estimate
+from cfid.swing.window import check_peaks, peaks_on
 
 Swing = AngleSource | KnownInertia
 Peaks = int | Mapping[str, int] | None
@@ -90,13 +90,14 @@ def measure(
         threads = threads_of(mounts.get(mount), gravity_mps2)
         window = {"peaks": peaks_on(mount, peaks), "smallest_peak_rad": smallest_peak_rad}
         fitted = estimate(swing, threads, method=method, **window)
-        value, std = (one.natural_frequency_squared_s2 for one in (fitted.coefficients, fitted.std))
-        mounted.append(MountedSwing(axis=mount, value=value, std=std, name=swing.name, seen=swing.rates is not None))
-        numbers = {"natural_frequency_squared_s2": value, "std_s2": std}
+        value, std = fitted.frequency
+        mounted.append(MountedSwing(axis=mount, value=value, std=std, name=swing.name))
         key = f"{gives}.{mount}"
-        merits.append({"axis": mount, **{name: Dependent(one, key) for name, one in numbers.items()}, **fitted.merits})
-        about = _about(fitted.merits)
-        lines.append(Dependent(f"{mount}: W {value:.7g} 1/s^2, {about}", key, instead=f"{mount}: rejected, {about}"))
+        frequency = {"natural_frequency_squared_s2": Dependent(value, key), "std_s2": Dependent(std, key)}
+        merits.append({"axis": mount, **frequency, **fitted.merits})
+        lines.append(
+            Dependent(f"{mount}: W {value:.7g} 1/s^2, {fitted.line}", key, instead=f"{mount}: rejected, {fitted.line}")
+        )
         found += [(mount, finding) for finding in fitted.findings if finding.concerns(FREQUENCY)]
     return MeasuredSwings(
         mounted=tuple(swing for swing in mounted if swing.axis != FIXTURE),
@@ -118,12 +119,3 @@ def _mount_of(record: AxisRecord, body: str) -> str:
     if label.axis is None:
         raise DataError(f"{record.name}: has no axis in its label: name it, as in AXIS={record.name}.")
     return label.axis
-
-
-def _about(figures: Mapping[str, Any]) -> str:
-    if "period_s" in figures:
-        return f"{figures['periods']} periods of {figures['period_s']:.6g} s"
-    peaks = f"{figures['peaks_used']} peaks"
-    if "distortion" not in figures:
-        return f"{peaks}, damped cosine"
-    return f"{peaks}, waveform off by {100 * figures['distortion']:.2g} %, drift {100 * figures['drift']:+.2g} %"

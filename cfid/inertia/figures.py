@@ -11,8 +11,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from uncertainties import std_dev
 
 from cfid.drawing.numbers import MICRO, plus_minus
+from cfid.drawing.rig import mounts_figure
 from cfid.drawing.style import (
     ALERT,
     DASHES,
@@ -26,10 +28,14 @@ from cfid.drawing.style import (
     name_panel,
     styled,
 )
+from cfid.drawing.suspension import axis_figure, threads_figure
 from cfid.findings import texts
 from cfid.inertia.comparison import BodyComparison
-from cfid.inertia.estimation import InertiaFit
+from cfid.inertia.matrix import InertiaFit
 from cfid.quantities.values import ENTRIES
+from cfid.records.result import Figures
+from cfid.records.rig_file import BodyFrame
+from cfid.swing.body import SwungBody, numbers
 from cfid.units import MM
 
 Array = npt.NDArray[np.float64]
@@ -82,6 +88,20 @@ def testbody_figure(comparisons: Sequence[BodyComparison], *, title: str = "Test
         panel.grid(visible=False, axis="x")
     page.align_ylabels()
     return page
+
+
+def rig_figures(body: SwungBody, axes: Sequence[str], frame: BodyFrame) -> Figures:
+    """Draw how the body swung, and the axes about which it swung; a pair of threads has no axis."""
+    mounts = {axis: body.mounts[axis] for axis in axes if axis in body.mounts}
+    hung = {axis: mount for axis, mount in mounts.items() if mount.threads is None}
+    drawn = {}
+    if hung:
+        drawn["inertia_swing"] = axis_figure(title="Swing about an axis")
+        title = "Axes of the swings, as rig.toml states them"
+        drawn["inertia_mounts"] = mounts_figure(hung, frame, title=title)
+    if len(hung) < len(mounts):
+        drawn["inertia_threads"] = threads_figure(title="Swing on two threads")
+    return drawn
 
 
 def _draw_pairs(panel: Axes, comparisons: Sequence[BodyComparison]) -> None:
@@ -147,7 +167,8 @@ def _draw_budget(panel: Axes, fit: InertiaFit) -> list[Artist]:
 
 def _draw_swings(panel: Axes, fit: InertiaFit, axes: Sequence[str]) -> None:
     place = _name_mounts(panel, axes)
-    value, spread = MICRO * fit.axes.about_centre_kg_m2, MICRO * fit.axes.about_centre_std_kg_m2
+    value = MICRO * numbers(fit.axes.about_centre_kg_m2)
+    spread = MICRO * np.array([std_dev(inertia) for inertia in fit.axes.about_centre_kg_m2])
     name_panel(panel, "(b) each swing", x="mount", y="I$_\\mathrm{G}$ (10⁻⁶ kg m²)")
     panel.errorbar(place, value, yerr=spread, fmt="o", ms=4, color=RECORDED, ecolor=INK, elinewidth=1.2, capsize=3)
     panel.margins(y=0.2)
@@ -179,13 +200,12 @@ def _draw_sensitivity(panel: Axes, fit: InertiaFit, axes: Sequence[str], *, lett
 
     A mount on two threads has no such distance.
     """
-    measured, hung = fit.axes, fit.axes.distance_m > 0
+    current, mass = numbers(fit.axes.distance_m) / MM, fit.axes.body.mass_kg
+    hung, inertias = current > 0, numbers(fit.axes.about_centre_kg_m2)
     if not hung.any():
         panel.set_axis_off()
         return []
-    current, best = measured.distance_m / MM, measured.best_distance_m / MM
-    moved = measured.about_axis_kg_m2 - measured.about_centre_kg_m2
-    mass = float(np.median(moved[hung] / measured.distance_m[hung] ** 2))
+    best = np.sqrt(np.maximum(inertias, 0.0) / mass) / MM
     reach = np.concatenate([current[hung], best[hung & (best > 0)]])
     distance = np.linspace(0.8 * reach.min(), 1.12 * reach.max(), 200)
     per_mm = MICRO * MM
@@ -198,9 +218,10 @@ def _draw_sensitivity(panel: Axes, fit: InertiaFit, axes: Sequence[str], *, lett
     for i, axis in enumerate(dict.fromkeys(itertools.compress(axes, hung))):
         own = np.array([name == axis for name in axes])
         how: dict[str, Any] = {"color": SERIES[i % len(SERIES)], "ls": DASHES[i % len(DASHES)]}
-        inertia = float(measured.about_centre_kg_m2[own].mean())
+        inertia = float(inertias[own].mean())
         panel.plot(distance, per_mm * (inertia / (MM * distance) - mass * MM * distance), lw=1.1, **how)
-        panel.plot(current[own], per_mm * measured.sensitivity_kg_m[own], "o", ms=5.5, color=how["color"])
+        slopes = inertias[own] / (MM * current[own]) - mass * MM * current[own]
+        panel.plot(current[own], per_mm * slopes, "o", ms=5.5, color=how["color"])
         panel.plot(best[own].mean(), 0.0, "D", ms=5, mfc="white", color=how["color"])
         label = f"{axis}: {current[own].mean():.1f} → {best[own].mean():.1f} mm"
         key.append(Line2D([], [], marker="o", ms=5, label=label, **how))

@@ -3,6 +3,9 @@
 import math
 from collections.abc import Iterator, Sequence
 
+import numpy as np
+import numpy.typing as npt
+
 from cfid.findings import Finding, rejection, warning
 from cfid.inertia.comparison import BodyComparison, compare
 from cfid.inertia.data import Peaks, Swing, measure, records_of
@@ -11,10 +14,20 @@ from cfid.records.parameters import Parameter
 from cfid.records.plausibility import implausible_gravity
 from cfid.records.result import Dependent, Figures, Result
 from cfid.records.rig_file import Rig
-from cfid.swing.axis_inertias import AxisInertias, swung_test_body
-from cfid.swing.data import FIXTURE, check_mounts, drawn_body, rests_on, rig_or_thesis, surroundings
-from cfid.swing.release import SMALLEST_PEAK_RAD
+from cfid.swing.body import (
+    FIXTURE,
+    axis_inertias,
+    check_mounts,
+    drawn_body,
+    required_rig,
+    rests_on,
+    surroundings,
+    swung_test_body,
+)
 from cfid.swing.result import Method
+from cfid.swing.window import SMALLEST_PEAK_RAD
+
+Array = npt.NDArray[np.float64]
 
 UNLIKELY_STD = 4.0
 ANOTHER_STD = 20.0  # no calliper is that wrong
@@ -39,13 +52,13 @@ def fit_testbody(
     Arguments and errors are those of `cfid.inertia.fit`; mounts and drawing are the rig's `testbody`.
     """
     given = records_of(swings)
-    rig, notes = rig_or_thesis([swing for swing in given if isinstance(swing, AxisRecord)], rig)
+    rig = required_rig([swing for swing in given if isinstance(swing, AxisRecord)], rig)
     body = drawn_body(rig, mass_kg, mass_std_kg)
     measured = measure(
         given,
         body="testbody",
         mounts=body.mounts,
-        gravity_mps2=rig.site.gravity_mps2 if gravity_mps2 is None else gravity_mps2,
+        gravity_mps2=surroundings(rig, gravity_mps2).gravity_mps2,
         gives=_MEASURED,
         peaks=peaks,
         smallest_peak_rad=smallest_peak_rad,
@@ -53,9 +66,8 @@ def fit_testbody(
     )
     check_mounts((swing.axis for swing in measured.mounted), body.mounts, table="testbody.mounts")
     around = surroundings(rig, gravity_mps2, gravity_std_mps2, measured.fixture)
-    comparisons = compare(body, AxisInertias(measured.mounted, swung_test_body(body), around))
+    comparisons = compare(body, axis_inertias(measured.mounted, swung_test_body(body), around))
     findings = (
-        *notes,
         *measured.findings(_resting_on),
         *_differences(comparisons),
         *implausible_gravity(around.gravity_mps2, "testbody.measured_kg_m2.*", "testbody.error.*"),

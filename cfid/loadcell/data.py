@@ -11,8 +11,7 @@ from cfid.errors import DataError
 from cfid.estimate.propagation import covariance_of_weights
 from cfid.estimate.signals import quiet_mean
 from cfid.findings import Finding
-from cfid.loadcell.estimation import Loads
-from cfid.loadcell.model import applied_wrench, place_error
+from cfid.loadcell.estimation import Loads, applied_wrench, place_error
 from cfid.motors.data import channels_of
 from cfid.recordings.read import read_recording
 from cfid.recordings.wrench import AXES, wrench_of

@@ -14,13 +14,29 @@ import numpy.typing as npt
 from cfid.counted import counted
 from cfid.errors import FitError
 from cfid.estimate.linear import fit_linear
-from cfid.loadcell.model import own_nonlinearity
+from cfid.records.run import Pull
 
 Array = npt.NDArray[np.float64]
 
 AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
 _DEPENDENT = 1e-6  # part of a column that the others do not give: a column with less depends on them
 _FEWEST_LOADS = 3  # fewest loads, no load included, that distinguish a bend from a slope
+
+
+def applied_wrench(*, weight_n: float, pull: Pull, at_m: Array) -> Array:
+    """Return the load (6,) of a weight: Fx, Fy, Fz in N and Tx, Ty, Tz in N m, in the cell's frame.
+
+    `pull` is the axis of the cell along which gravity points, `at_m` (3,) where the weight hangs, from the origin.
+    """
+    force = np.zeros(3)
+    force["xyz".index(pull[-1])] = -weight_n if pull.startswith("-") else weight_n
+    return np.concatenate([force, np.cross(at_m, force)])
+
+
+def place_error(*, load: Array, std_m: float) -> Array:
+    """Return the standard uncertainties (6,) of a load (6,) whose place is uncertain by `std_m` along each axis."""
+    squares = load[:3] ** 2
+    return np.concatenate([np.zeros(3), std_m * np.sqrt(squares.sum() - squares)])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -84,7 +100,8 @@ def _fit_axis(loads: Loads, place: int) -> AxisFit | None:
     columns = {axis: loads.load[:, at] for at, axis in enumerate(AXES) if np.any(loads.load[:, at])}
     zeros = np.asarray(loads.orientation[:, np.newaxis] == np.unique(loads.orientation), dtype=np.float64)
     own = columns.pop(AXES[place])
-    bend = [own_nonlinearity(own)] if _bends(own, loads.orientation) else []
+    # A gain that changes by 1 from no load to the largest.
+    bend = [own * np.abs(own) / np.abs(own).max()] if _bends(own, loads.orientation) else []
     rows = np.column_stack([own, *bend, *columns.values(), zeros])
     free = [at for at in range(rows.shape[1]) if _independent_part(rows, at) > _DEPENDENT]
     if 0 not in free or len(rows) <= rows.shape[1]:

@@ -20,6 +20,7 @@ from cfid.console.options import (
     WindowOptions,
 )
 from cfid.console.outcome import deliver
+from cfid.errors import ConfigError
 from cfid.records.choose import labelled
 
 
@@ -47,12 +48,12 @@ def swing(
 
     Example: [bold]cfid fit swing x.csv --mass-kg 0.028 --distance-m 0.022855[/bold]
     """
-    from cfid.swing import arguments, result
+    from cfid.swing import result
 
     gravity = measured(gravity_mps2, "--gravity-mps2")
     workplace = open_workplace(rig, gravity=gravity)
     mass, distance = measured(mass_kg, "--mass-kg"), measured(distance_m, "--distance-m")
-    found = result.fit(
+    fit = result.fit(
         read_recording(run, workplace, labelled("swing")),
         axis=axis,
         rig=None if workplace.borrowed else workplace.rig,
@@ -62,11 +63,27 @@ def swing(
         distance_std_m=distance.std,
         gravity_mps2=gravity.value,
         gravity_std_mps2=gravity.std,
-        peaks=arguments.parse_peaks(window.peaks),
+        peaks=parse_peaks(window.peaks),
         smallest_peak_rad=math.radians(window.min_angle_deg or 1.0),
         from_s=cut.from_s,
         to_s=cut.to_s,
         method=method,
     )
-    folder = None if workplace.campaign is None else Path(found.sources[0].path).parent
-    deliver(replace(found, folder=folder), delivery, workplace.campaign, workplace.own_rig)
+    folder = None if workplace.campaign is None else Path(fit.sources[0].path).parent
+    deliver(replace(fit, folder=folder), delivery, workplace.campaign, workplace.own_rig)
+
+
+def parse_peaks(text: str | None) -> int | dict[str, int] | None:
+    """Return the number of peaks for all axes, or for each: one number, or `x=11,z=16`.
+
+    Raises ConfigError when it is neither.
+    """
+    if text is None:
+        return None
+    try:
+        if "=" not in text:
+            return int(text)
+        pairs = (part.split("=") for part in text.split(","))
+        return {axis.strip(): int(count) for axis, count in pairs}
+    except ValueError:
+        raise ConfigError(f"`peaks` {text}: expected a number, or AXIS=NUMBER,AXIS=NUMBER,...") from None

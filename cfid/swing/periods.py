@@ -18,7 +18,7 @@ from cfid.estimate.propagation import widened
 from cfid.findings import Finding, note, warning
 from cfid.recordings.periods import PeriodRecord
 from cfid.records.plausibility import taken_as_exact
-from cfid.swing.collocation import NO_THREADS, Threads
+from cfid.swing.pendulum import NO_THREADS, Threads
 
 Array = npt.NDArray[np.float64]
 

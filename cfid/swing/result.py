@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
+from uncertainties import nominal_value, std_dev
 
 from cfid.counted import counted
 from cfid.errors import ConfigError, FitError
@@ -14,31 +15,44 @@ from cfid.findings import Finding, rejection, warning
 from cfid.recordings.angle import AngleRecord, AngleSource, AxisRecord, labelled
 from cfid.recordings.periods import PeriodRecord, axis_record
 from cfid.records.parameters import Parameter
-from cfid.records.plausibility import implausible_gravity, implausible_quantities, platform_of, taken_as_exact
+from cfid.records.plausibility import (
+    implausible_gravity,
+    implausible_inputs,
+    implausible_quantities,
+    platform_of,
+    taken_as_exact,
+)
 from cfid.records.result import Dependent, Figures, Result
-from cfid.records.rig_file import Rig, thesis_rig
-from cfid.swing.collocation import NO_THREADS, Coefficients, Threads
-from cfid.swing.data import (
+from cfid.records.rig_file import Rig
+from cfid.swing.body import (
+    MountedSwing,
+    axis_inertias,
     body_of_swing,
-    check_peaks,
-    peaks_on,
+    budget,
+    contradicted_axes,
+    effects,
+    given_numbers,
+    moment_fault,
     rests_on,
     rig_around,
     surroundings,
-    swing_in,
     threads_of,
-    turned_about,
 )
 from cfid.swing.estimation import SwingFit, fit_swing
-from cfid.swing.free_swing import FreeSwing
+from cfid.swing.pendulum import NO_THREADS, Coefficients, Threads
 from cfid.swing.periods import timed_frequency
-from cfid.swing.release import SMALLEST_PEAK_RAD
 from cfid.swing.thesis import DampedCosine, fit_damped_cosine, fit_flexible, log_decrement
-from cfid.swing.values import INERTIA, InertiaAbout, findings_about, inertia_about
+from cfid.swing.window import SMALLEST_PEAK_RAD, FreeSwing, check_peaks, peaks_on, swing_in
 
 Method = Literal["default", "thesis"]
 
 FREQUENCY = "swing.natural_frequency_squared_s2"
+INERTIA = "swing.axis_inertia_kg_m2"
+_DAMPING = {
+    "swing.viscous_nms_per_rad": "viscous_per_s",
+    "swing.coulomb_nm": "coulomb_per_s2",
+    "swing.quadratic_nms2_per_rad2": "quadratic_per_rad",
+}
 _OTHER_BODY = {"testbody": "testbody", "fixture": "fixture"}  # the vehicle has no name here
 _THESIS_BIAS = (
     "the thesis' damped cosine takes sin(phi) for phi: its inertia is too high, by 1 % at 20 degrees; its standard "
@@ -81,52 +95,78 @@ def fit(
     axis = record.label.axis
     rig = rig_around([record], rig)
     mass, distance = (mass_kg, mass_std_kg), (distance_m, distance_std_m)
-    body = body_of_swing(rig, axis=axis, body=record.label.body, mass=mass, distance=distance)
-    around = surroundings(rig or thesis_rig(), gravity_mps2, gravity_std_mps2)
+    hung = body_of_swing(rig, axis=axis, body=record.label.body, mass=mass, distance=distance)
+    around = surroundings(rig, gravity_mps2, gravity_std_mps2)
     check_peaks(peaks, [axis] if axis else [])
-    swung, directions = (None, ()) if body is None else turned_about(body[0], [record])
-    threads = NO_THREADS if body is None else threads_of(body[0].mounts[body[1]], around.gravity_mps2)
+    threads = NO_THREADS if hung is None else threads_of(hung[0].mounts[hung[1]], around.gravity_mps2)
     window = {"smallest_peak_rad": smallest_peak_rad, "from_s": from_s, "to_s": to_s}
-    found = estimate(record, threads, method=method, peaks=peaks_on(axis, peaks), **window)
-    swing, (checks, check_lines) = found.swing, _checks(found)
-    inertia = (
-        None if body is None or swung is None else inertia_about(found.coefficients, found.std, swung, body[1], around)
-    )
-    quantities = _quantities(found, inertia)
-    platform = "crazyflie" if record.label.body in _OTHER_BODY else platform_of(rig)
+    swing = estimate(record, threads, method=method, peaks=peaks_on(axis, peaks), **window)
+    frequency, frequency_std = swing.frequency
+    quantities = {FREQUENCY: Parameter(value=frequency, std=frequency_std)}
+    findings = [*record.findings, *swing.findings]
+    checks, lines = _thesis_checks(swing)
+    if hung is not None:
+        body, mount = hung
+        measured = MountedSwing(axis=mount, value=frequency, std=frequency_std)
+        given = axis_inertias([measured], body, around)
+        (inertia,), (about_centre,) = given.about_axis_kg_m2, given.about_centre_kg_m2
+        quantities[INERTIA] = _parameter(inertia)
+        if swing.window is not None:
+            for key, name in _DAMPING.items():
+                ratio, ratio_std = getattr(swing.coefficients, name), getattr(swing.std, name)
+                torque_std = math.hypot(ratio_std * nominal_value(inertia), ratio * std_dev(inertia))
+                quantities[key] = Parameter(value=ratio * nominal_value(inertia), std=torque_std or None)
+        shares = {cause: share[0] / abs(nominal_value(inertia)) for cause, share in budget(*effects([inertia])).items()}
+        text = ", ".join(f"{cause} {100 * share:.2g} %" for cause, share in shares.items())
+        lines.append(Dependent(f"standard uncertainty of the inertia: {text}", INERTIA))
+        resting = tuple(key for key in quantities if key != FREQUENCY)
+        platform = "crazyflie" if record.label.body in _OTHER_BODY else platform_of(rig)
+        distances = filter(None, map(nominal_value, given.distance_m))
+        findings += [
+            *(
+                replace(finding, where=(name,), quantities=(INERTIA,))
+                for name, finding in contradicted_axes(body, [record])
+            ),
+            *implausible_inputs(given_numbers(body, distances, platform), rig, *resting),
+            *moment_fault(
+                "this swing", nominal_value(inertia), nominal_value(about_centre), std_dev(about_centre), *resting
+            ),
+            *implausible_gravity(around.gravity_mps2, *resting),
+        ]
+        if distance_m is not None:
+            stds = {"mass": mass_std_kg, "distance": distance_std_m}
+            findings += [taken_as_exact(name, INERTIA) for name, std in stds.items() if std is None]
+    if swing.window is not None:
+        angle, speed = zip(swing.start, swing.start_std, strict=True)
+        quantities["swing.start_angle_rad"] = Parameter(value=angle[0], std=angle[1])
+        quantities["swing.start_speed_rad_per_s"] = Parameter(value=speed[0], std=speed[1])
+        zero_rad = swing.window.rest_rad + swing.coefficients.zero_rad
+        quantities["swing.zero_rad"] = Parameter(value=zero_rad, std=swing.std.zero_rad or None)
+        quantities["swing.peaks_used"] = Parameter(value=swing.window.peaks_used)
     return Result(
         command="fit swing",
         section=" ".join(filter(None, ("swing", _OTHER_BODY.get(record.label.body or ""), axis or record.name))),
         method=method,
         quantities=quantities,
         wanted=(FREQUENCY, INERTIA),
-        merits={**found.merits, **checks},
-        findings=(
-            *record.findings,
-            *found.findings,
-            *(replace(finding, where=(mount,), quantities=(INERTIA,)) for mount, finding in directions),
-            *implausible_quantities(quantities, rig),
-            *(() if body is None or inertia is None else findings_about(body[0], inertia, rig, platform)),
-            *(() if inertia is None else implausible_gravity(around.gravity_mps2, *inertia.quantities)),
-            *(() if distance_m is None else _exact(mass=mass_std_kg, distance=distance_std_m)),
-        ),
+        merits={**swing.merits, **checks},
+        findings=(*findings, *implausible_quantities(quantities, rig)),
         sources=(record.source,),
         rests_on=rests_on([axis or ""], body=record.label.body),
-        lines=(
-            *(() if swing is None else (_window_line(swing),)),
-            found.line,
-            *check_lines,
-            *(() if inertia is None else (Dependent(inertia.budget, INERTIA),)),
-        ),
-        drawings=lambda: _drawings(record, found),
+        lines=(*(() if swing.window is None else (_window_line(swing.window),)), swing.line, *lines),
+        drawings=lambda: _drawings(record, swing),
     )
+
+
+def _parameter(value: Any) -> Parameter:
+    return Parameter(value=float(nominal_value(value)), std=float(std_dev(value)) or None)
 
 
 @dataclass(frozen=True, kw_only=True)
 class SwingEstimate:
     """One swing, fitted by either method; damping is per inertia. `fitted` is the method's own result.
 
-    Of timed periods, `swing` and `fitted` are None, and there is no damping.
+    Of timed periods, `window` and `fitted` are None, and there is no damping.
     """
 
     coefficients: Coefficients
@@ -134,10 +174,15 @@ class SwingEstimate:
     merits: Mapping[str, Any]
     findings: tuple[Finding, ...]
     line: str
-    swing: FreeSwing | None = None
+    window: FreeSwing | None = None
     fitted: SwingFit | DampedCosine | None = None
     start: tuple[float, float] = (0.0, 0.0)
     start_std: tuple[float | None, ...] = (None, None)
+
+    @property
+    def frequency(self) -> tuple[float, float]:
+        """The natural frequency squared and its standard uncertainty."""
+        return self.coefficients.natural_frequency_squared_s2, self.std.natural_frequency_squared_s2
 
 
 def estimate(record: AxisRecord, threads: Threads, *, method: Method, **window: Any) -> SwingEstimate:
@@ -159,43 +204,52 @@ def estimate(record: AxisRecord, threads: Threads, *, method: Method, **window: 
 
 
 def _by_default(swing: FreeSwing) -> SwingEstimate:
-    fitted = fit_swing(swing)
-    quality = fitted.quality
+    fit = fit_swing(swing)
+    frequency = fit.coefficients.natural_frequency_squared_s2
+    values, std = np.array(fit.instrument), np.array(fit.instrument_std)
+    size = float(np.linalg.norm(values))
+    # What the rig adds to a pendulum, each with its standard uncertainty.
+    imperfections = {
+        "cable": (fit.coefficients.spring_per_s2 / frequency, fit.std.spring_per_s2 / frequency),
+        "disc_deg": (math.degrees(size), math.degrees(float(np.linalg.norm(values / (size or 1.0) * std)))),
+    }
+    if swing.rate_rad_per_s is not None:
+        imperfections = {"gyro_scale_error": (float(values[0]), float(std[0]))}
     return SwingEstimate(
-        swing=swing,
-        fitted=fitted,
-        coefficients=fitted.coefficients,
-        std=fitted.std,
-        start=(fitted.output_error.start_angle_rad, fitted.output_error.start_speed_rad_per_s),
-        start_std=fitted.start_std,
+        window=swing,
+        fitted=fit,
+        coefficients=fit.coefficients,
+        std=fit.std,
+        start=(fit.output_error.start_angle_rad, fit.output_error.start_speed_rad_per_s),
+        start_std=fit.start_std,
         merits={
-            "accepted": fitted.accepted,
-            "rms": fitted.residual_rms_rad,
-            "misfit": quality.misfit,
-            "distortion": quality.distortion,
-            "drift": quality.drift,
-            "drift_std": quality.drift_std,
-            **_imperfections(fitted),
-            **_window(swing),
+            "accepted": fit.accepted,
+            "rms": fit.residual_rms_rad,
+            **{name: getattr(fit, name) for name in ("misfit", "distortion", "drift", "drift_std")},
+            "budget_s2": dict(fit.budget_s2),
+            **imperfections,
+            **_window_merits(swing),
         },
-        findings=fitted.findings,
-        line=f"residual {1e3 * fitted.residual_rms_rad:.3g} mrad rms, "
-        f"waveform off by {100 * quality.distortion:.2g} % of the start angle, drift {100 * quality.drift:+.2g} %",
+        findings=fit.findings,
+        line=f"residual {1e3 * fit.residual_rms_rad:.3g} mrad rms, "
+        f"waveform off by {100 * fit.distortion:.2g} % of the start angle, drift {100 * fit.drift:+.2g} %",
     )
 
 
 def _by_thesis(swing: FreeSwing) -> SwingEstimate:
-    cosine, rejections = fit_damped_cosine(swing), _rejections_of(swing)
-    residual = cosine.angle_rad - cosine.model_rad
-    rms = float((residual @ residual / len(residual)) ** 0.5)
+    cosine = fit_damped_cosine(swing)
+    try:  # the thesis' method has no checks of its own
+        rejections = tuple(finding for finding in fit_swing(swing).findings if finding.severity == "rejection")
+    except FitError as error:
+        rejections = (rejection("swing-no-pendulum", str(error), "swing.*"),)
+    rms = float(np.sqrt(np.mean((cosine.angle_rad - cosine.model_rad) ** 2)))
     return SwingEstimate(
-        swing=swing,
+        window=swing,
         fitted=cosine,
         coefficients=Coefficients(*cosine.frequencies),
         std=Coefficients(*cosine.std),
         start=(cosine.start_angle_rad, cosine.start_speed_rad_per_s),
-        start_std=(None, None),
-        merits={"accepted": not rejections, "rms": rms, **_window(swing)},
+        merits={"accepted": not rejections, "rms": rms, **_window_merits(swing)},
         findings=(*swing.findings, warning("swing-thesis-bias", _THESIS_BIAS, FREQUENCY, INERTIA), *rejections),
         line=f"damped cosine: residual {1e3 * rms:.3g} mrad rms",
     )
@@ -211,8 +265,7 @@ def _by_periods(
     from_s: float | None = None,
     to_s: float | None = None,
 ) -> SwingEstimate:
-    cut = {"peaks": peaks, "from_s": from_s, "to_s": to_s}
-    given = [name for name, value in cut.items() if value is not None]
+    given = [name for name, value in {"peaks": peaks, "from_s": from_s, "to_s": to_s}.items() if value is not None]
     given += ["min_angle_deg"] * (smallest_peak_rad != SMALLEST_PEAK_RAD) + ["method"] * (method == "thesis")
     if given:
         raise ConfigError(f"{record.path}: {', '.join(f'`{name}`' for name in given)}: not for timed periods.")
@@ -228,95 +281,39 @@ def _by_periods(
     )
 
 
-def _rejections_of(swing: FreeSwing) -> tuple[Finding, ...]:
-    """Return why no pendulum describes a record, for a method without checks of its own."""
-    try:
-        return tuple(one for one in fit_swing(swing).findings if one.severity == "rejection")
-    except FitError as error:
-        return (rejection("swing-no-pendulum", str(error), "swing.*"),)
-
-
-def _drawings(record: AxisRecord, found: SwingEstimate) -> Figures:
-    if found.swing is None or found.fitted is None:
-        return {}
-    from cfid.swing.figures import swing_figure, thesis_swing_figure
-
-    name, swing, fitted = f"{record.path.stem}_swing", found.swing, found.fitted
-    if isinstance(fitted, SwingFit):
-        return {name: swing_figure(swing, fitted, title=record.name)}
-    return {f"{name}_thesis": thesis_swing_figure(swing, fitted, fit_flexible(swing), title=record.name)}
-
-
-def _imperfections(fitted: SwingFit) -> dict[str, tuple[float, float]]:
-    """Return what the rig adds to a pendulum, each with its standard uncertainty: shares of gravity, or degrees."""
-    values, std = np.array(fitted.instrument), np.array(fitted.instrument_std)
-    if fitted.output_error.setup.gyro_per_s is not None:
-        return {"gyro_scale_error": (float(values[0]), float(std[0]))}
-    frequency = fitted.coefficients.natural_frequency_squared_s2
-    size = float(np.linalg.norm(values))
-    disc = size, float(np.linalg.norm(values / (size or 1.0) * std))
-    return {
-        "cable": (fitted.coefficients.spring_per_s2 / frequency, fitted.std.spring_per_s2 / frequency),
-        "disc_deg": (math.degrees(disc[0]), math.degrees(disc[1])),
-    }
-
-
-def _checks(found: SwingEstimate) -> tuple[dict[str, Dependent], tuple[Dependent, ...]]:
+def _thesis_checks(swing: SwingEstimate) -> tuple[dict[str, Dependent], list[Dependent]]:
     """Return the results of the thesis' other methods, as figures and as lines."""
-    swing = found.swing
-    if swing is None:
-        return {}, ()
-    if not isinstance(found.fitted, SwingFit):
-        nonlinear = fit_flexible(swing).frequencies
+    if swing.window is None:
+        return {}, []
+    if not isinstance(swing.fitted, SwingFit):
+        nonlinear = fit_flexible(swing.window).frequencies
         line = (
             "nonlinear equation (2.9) on the flexible function (2.16): "
             f"{nonlinear.natural_frequency_squared_s2:.6g} 1/s^2"
         )
-        return {"nonlinear_equation": Dependent(nonlinear._asdict(), FREQUENCY)}, (Dependent(line, FREQUENCY),)
-    decrement = log_decrement(swing)
-    scatter = decrement.viscous_scatter_per_s
-    figures = {"log_decrement": {**decrement.frequencies._asdict(), "viscous_scatter_per_s": scatter}}
-    lines = [
-        f"check: decay by the logarithmic decrement {decrement.frequencies.viscous_per_s / 2:.3g} 1/s, scatter "
-        f"{scatter / 2:.2g}; its period gives {decrement.frequencies.natural_frequency_squared_s2:.6g} 1/s^2",
-    ]
+        return {"nonlinear_equation": Dependent(nonlinear._asdict(), FREQUENCY)}, [Dependent(line, FREQUENCY)]
+    figures, lines = {}, []
     with suppress(FitError):  # a swing may be sound where a damped cosine does not follow it
-        linear = fit_damped_cosine(swing).frequencies
+        linear = fit_damped_cosine(swing.window).frequencies
         # An inertia is m g r over W: a frequency that is too low gives an inertia that is too high.
-        excess = found.coefficients.natural_frequency_squared_s2 / linear.natural_frequency_squared_s2 - 1
-        figures = {"damped_cosine": {**linear._asdict(), "relative_inertia_excess": excess}, **figures}
-        lines = [
+        excess = swing.frequency[0] / linear.natural_frequency_squared_s2 - 1
+        figures["damped_cosine"] = Dependent({**linear._asdict(), "relative_inertia_excess": excess}, FREQUENCY)
+        line = (
             f"check: the thesis' damped cosine would give {linear.natural_frequency_squared_s2:.6g} 1/s^2, "
-            f"an inertia {100 * excess:+.2f} % off",
-            *lines,
-        ]
-    return (
-        {name: Dependent(each, FREQUENCY) for name, each in figures.items()},
-        tuple(Dependent(line, FREQUENCY) for line in lines),
+            f"an inertia {100 * excess:+.2f} % off"
+        )
+        lines.append(Dependent(line, FREQUENCY))
+    decrement = log_decrement(swing.window)
+    scatter = decrement.viscous_scatter_per_s
+    decay = {**decrement.frequencies._asdict(), "viscous_scatter_per_s": scatter}
+    line = (
+        f"check: decay by the logarithmic decrement {decrement.frequencies.viscous_per_s / 2:.3g} 1/s, scatter "
+        f"{scatter / 2:.2g}; its period gives {decrement.frequencies.natural_frequency_squared_s2:.6g} 1/s^2"
     )
+    return {**figures, "log_decrement": Dependent(decay, FREQUENCY)}, [*lines, Dependent(line, FREQUENCY)]
 
 
-def _quantities(found: SwingEstimate, inertia: InertiaAbout | None) -> dict[str, Parameter]:
-    values, std, swing = found.coefficients, found.std, found.swing
-    frequency = Parameter(value=values.natural_frequency_squared_s2, std=std.natural_frequency_squared_s2)
-    if swing is None:
-        return {FREQUENCY: frequency, **({} if inertia is None else {INERTIA: inertia.quantities[INERTIA]})}
-    return {
-        FREQUENCY: frequency,
-        **({} if inertia is None else inertia.quantities),
-        "swing.start_angle_rad": Parameter(value=found.start[0], std=found.start_std[0]),
-        "swing.start_speed_rad_per_s": Parameter(value=found.start[1], std=found.start_std[1]),
-        "swing.zero_rad": Parameter(value=swing.rest_rad + values.zero_rad, std=std.zero_rad or None),
-        "swing.peaks_used": Parameter(value=swing.peaks_used),
-    }
-
-
-def _exact(**stds: float | None) -> list[Finding]:
-    """Return notes on numbers that were given without a standard uncertainty."""
-    return [taken_as_exact(name, INERTIA) for name, std in stds.items() if std is None]
-
-
-def _window(swing: FreeSwing) -> dict[str, Any]:
+def _window_merits(swing: FreeSwing) -> dict[str, Any]:
     return {
         "release_s": swing.release_s,
         "window_s": [float(swing.time_s[swing.hand_gone]), float(swing.time_s[swing.end])],
@@ -333,3 +330,15 @@ def _window_line(swing: FreeSwing) -> str:
         f"{swing.time_s[swing.end]:.2f} s, {swing.peaks_used} of {counted(len(swing.peak_time_s), 'peak')}, "
         f"{first:.1f} down to {last:.1f} degrees"
     )
+
+
+def _drawings(record: AxisRecord, swing: SwingEstimate) -> Figures:
+    if swing.window is None or swing.fitted is None:
+        return {}
+    from cfid.swing.figures import swing_figure, thesis_swing_figure
+
+    name = f"{record.path.stem}_swing"
+    if isinstance(swing.fitted, SwingFit):
+        return {name: swing_figure(swing.window, swing.fitted, title=record.name)}
+    flexible = fit_flexible(swing.window)
+    return {f"{name}_thesis": thesis_swing_figure(swing.window, swing.fitted, flexible, title=record.name)}

@@ -13,7 +13,7 @@ from scipy.optimize import least_squares
 
 from cfid.errors import FitError
 from cfid.estimate.signals import GRID_S, resample
-from cfid.swing.free_swing import FreeSwing
+from cfid.swing.window import FreeSwing
 
 Array = npt.NDArray[np.float64]
 

@@ -11,8 +11,8 @@ from cfid.findings import joined, texts
 from cfid.recordings.angle import angle_record
 from cfid.recordings.stamps import CLOCK_CODES
 from cfid.records.run import Run
-from cfid.swing.collocation import NO_THREADS
-from cfid.swing.data import rig_around, threads_of
+from cfid.swing.body import rig_around, threads_of
+from cfid.swing.pendulum import NO_THREADS
 from cfid.swing.result import estimate
 
 Array = npt.NDArray[np.float64]
@@ -29,18 +29,17 @@ def verdict(run: Run) -> str:
     mount = None if rig is None else rig.mounts.get(record.label.axis or "")
     threads = NO_THREADS if rig is None else threads_of(mount, rig.site.gravity_mps2)
     fitted = estimate(record, threads, method="default")
-    swing = fitted.swing
+    swing = fitted.window
     if not fitted.merits["accepted"]:
         of_clock = (one for one in record.findings if one.code in CLOCK_CODES)
         raise FitError(joined([*texts(fitted.findings, "rejection"), *texts(of_clock, "warning")]))
     if swing is None:
         raise DataError(f"{record.path}: holds no angle over time.")
     degrees = math.degrees(float(np.max(np.abs(swing.peak_angle_rad))))
-    frequency, std = fitted.coefficients.natural_frequency_squared_s2, fitted.std.natural_frequency_squared_s2
+    frequency, std = fitted.frequency
     line = (
-        f"{counted(swing.peaks_used, 'peak')} from {degrees:.0f} degrees, {1e3 * fitted.merits['rms']:.2g} "
-        "mrad off the "
-        f"pendulum, inertia known to {100 * std / frequency:.1g} % from the swing alone."
+        f"{counted(swing.peaks_used, 'peak')} from {degrees:.0f} degrees, {1e3 * fitted.merits['rms']:.2g} mrad off "
+        f"the pendulum, inertia known to {100 * std / frequency:.1g} % from the swing alone."
     )
     return joined([line, *texts(swing.findings, "warning")])
 

@@ -21,8 +21,8 @@ from scipy.optimize import least_squares
 
 from cfid.sim.plants import HandRelease, Pendulum, swing
 from cfid.swing.estimation import fit_swing
-from cfid.swing.free_swing import find_swing
-from cfid.swing.model import first_guess, fit_output_error
+from cfid.swing.pendulum import first_guess, fit_output_error
+from cfid.swing.window import find_swing
 
 Array = npt.NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cfid.inertia.directions import matrix_rows
+from cfid.inertia.matrix import matrix_rows
 from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import Rig, load_rig
 from cfid.rig.sim_file import SIM_FILE

@@ -15,17 +15,12 @@ def plain(text: str) -> str:
     return "\n".join(" ".join(re.sub("[│┃]", " ", line).split()) for line in text.splitlines())
 
 
-@pytest.mark.parametrize(
-    ("page", "beginning"), [("repeat-the-thesis.md", "inertia.matrix_kg_m2"), ("distances.md", "  x      now")]
-)
-def test_a_page_shows_what_its_command_prints(
-    page: str, beginning: str, cfid: Cfid, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_page_of_the_thesis_shows_what_its_command_prints(cfid: Cfid, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "100")
     monkeypatch.setenv("NO_COLOR", "1")
-    text = (HOW_TO / page).read_text(encoding="utf-8")
+    text = (HOW_TO / "repeat-the-thesis.md").read_text(encoding="utf-8")
     command = re.search(r"^    (cfid fit inertia x=[\d.].*)$", text, re.MULTILINE)
-    shown = re.search(rf"^    {re.escape(beginning)}.*(?:\n    .+)*", text, re.MULTILINE)
+    shown = re.search(r"^    inertia\.matrix_kg_m2.*(?:\n    .+)*", text, re.MULTILINE)
     assert command is not None
     assert shown is not None
 

@@ -257,7 +257,7 @@ def refused(folder: Path, runs: list[Path]) -> None:
         command="fit inertia",
         method="default",
         quantities={"inertia.matrix_kg_m2": Parameter(value=MATRIX, std=MATRIX)},
-        findings=(rejection("inertia-suspects", "hung anew?", "inertia.matrix_kg_m2"),),
+        findings=(rejection("inertia-swings-contradict", "hung anew?", "inertia.matrix_kg_m2"),),
         sources=tuple(Source(str(one), hashlib.sha256(one.read_bytes()).hexdigest()) for one in files),
     )
     with pytest.raises(RejectedError):

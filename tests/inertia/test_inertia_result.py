@@ -7,7 +7,7 @@ import cfid.inertia
 from cfid.errors import ConfigError
 from cfid.records.result import Result
 from cfid.records.rig_file import Mount, ThreadPair, thesis_rig
-from cfid.swing.data import KnownInertia
+from cfid.swing.body import KnownInertia
 
 RIG = thesis_rig()
 TABLE_2_3 = {"x": 3.119770e-5, "y": 3.128159e-5, "z": 7.004148e-5, "xy": 4.940333e-5, "xz": 4.600706e-5}
@@ -38,7 +38,7 @@ def test_two_swings_of_a_mount_are_weighted_and_the_smaller_uncertainty_stands()
 
 
 def test_axes_that_determine_no_matrix_give_their_axis_inertias() -> None:
-    result = cfid.inertia.fit(known()[:5], rig=RIG, propose=True)
+    result = cfid.inertia.fit(known()[:5], rig=RIG)
 
     assert not result.accepted
     assert codes(result, "rejection") == ["inertia-axes-dependent"]
@@ -80,18 +80,15 @@ def test_a_mount_on_threads_has_no_curve_over_the_distance_and_spoils_no_other()
 def test_contradicting_swings_lose_everything_and_no_number_is_in_the_lines() -> None:
     result = cfid.inertia.fit([*known(), KnownInertia("x", 3.3e-5, 1e-9), KnownInertia("x", 2.9e-5, 1e-9)], rig=RIG)
 
-    assert codes(result, "rejection") == ["inertia-swings-contradict", "inertia-suspects"]
+    assert codes(result, "rejection") == ["inertia-swings-contradict"]
     assert result.without_rejected().quantities == {}
     assert not any("budget" in line for line in result.without_rejected().summary())
 
 
-def test_a_rig_that_is_not_known_is_the_thesis_with_a_note() -> None:
-    result = cfid.inertia.fit(known())
-
-    assert codes(result, "note") == ["thesis-geometry", "inertia-seventh-swing"]
-    assert codes(result, "warning") == ["inertia-mount-two-directions"]
-    given = cfid.inertia.fit(known(), rig=RIG).quantities["inertia.matrix_kg_m2"].value
-    assert np.array_equal(result.quantities["inertia.matrix_kg_m2"].value, given)
+def test_without_a_rig_the_fits_ask_for_one() -> None:
+    for fit in (cfid.inertia.fit, cfid.inertia.fit_testbody):
+        with pytest.raises(ConfigError, match="`geometry` thesis"):
+            fit(known())
 
 
 def test_a_fixture_is_one_and_peaks_belong_to_mounts_that_swing() -> None:

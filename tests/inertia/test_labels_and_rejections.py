@@ -132,7 +132,7 @@ def test_a_rejected_swing_takes_away_the_matrix_and_its_own_mount_alone(
     distorted = tmp_path / "distorted.csv"
     distorted.write_text(shaken())
     others = [f"{axis}={run_named(bodies, f'swing_{axis}')}" for axis in ("x", "y", "xy", "xz", "yz")]
-    six = cfid("fit", "inertia", *others, f"z={distorted}", "--propose", "--json", "--campaign", bodies)
+    six = cfid("fit", "inertia", *others, f"z={distorted}", "--json", "--campaign", bodies)
     result = json.loads(six.stdout)
 
     assert six.returncode == 5
@@ -140,7 +140,7 @@ def test_a_rejected_swing_takes_away_the_matrix_and_its_own_mount_alone(
         f"inertia.{kind}_kg_m2.{axis}" for kind in ("axis", "centre") for axis in ("x", "y", "xy", "xz", "yz")
     }
     assert "swing-waveform-distorted" in rejections(result)
-    printed = cfid("fit", "inertia", *others, f"z={distorted}", "--propose", "--no-figures", "--campaign", bodies)
+    printed = cfid("fit", "inertia", *others, f"z={distorted}", "--no-figures", "--campaign", bodies)
     assert "z: rejected" in printed.stdout
     assert "budget" not in printed.stdout
 
@@ -160,8 +160,8 @@ def test_a_swing_that_a_cable_pulls_is_rejected_by_every_fit_that_takes_it(cfid:
         written(tmp_path / f"{mount}.csv", time_s, encoded(angle, seed=1))
     fits = [
         ("swing", "x.csv", "--axis", "x"),
-        ("inertia", *(f"{mount}={mount}.csv" for mount in ("x", "y", "z", "xy", "xz", "yz"))),
-        ("testbody", "x=x.csv", "z=z.csv"),
+        ("inertia", *(f"{mount}={mount}.csv" for mount in ("x", "y", "z", "xy", "xz", "yz")), "--geometry", "thesis"),
+        ("testbody", "x=x.csv", "z=z.csv", "--geometry", "thesis"),
     ]
     ended = [cfid("fit", *words, "--json") for words in fits]
 
@@ -174,7 +174,7 @@ def test_a_swing_that_a_cable_pulls_is_rejected_by_every_fit_that_takes_it(cfid:
 
 def test_two_swings_give_their_axis_inertias_and_no_matrix(cfid: Cfid, bodies: Path) -> None:
     runs = [run_named(bodies, f"swing_{axis}") for axis in "xz"]
-    two = cfid("fit", "inertia", *runs, "--plan", "--json", "--campaign", bodies)
+    two = cfid("fit", "inertia", *runs, "--json", "--campaign", bodies)
     result = json.loads(two.stdout)
 
     assert two.returncode == 5

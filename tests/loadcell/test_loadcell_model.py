@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from cfid.loadcell.estimation import AXES, AxisFit, Loads, fit_axes
-from cfid.loadcell.model import applied_wrench, place_error
+from cfid.loadcell.estimation import AXES, AxisFit, Loads, applied_wrench, fit_axes, place_error
 from cfid.records.run import Pull
 
 AT_M, AT_STD_M = np.array([0.046, -0.02, 0.01]), 1e-3

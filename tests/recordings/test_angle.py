@@ -11,7 +11,7 @@ from cfid.errors import CfidError, ConfigError, DataError
 from cfid.recordings.angle import AngleRecord, angle_of, counts_per_turn
 from cfid.recordings.read import read_recording
 from cfid.recordings.recording import How
-from cfid.swing.collocation import NO_THREADS
+from cfid.swing.pendulum import NO_THREADS
 from cfid.swing.result import estimate
 from cfid.wire.rls import encode_positions
 

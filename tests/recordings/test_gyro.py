@@ -12,7 +12,7 @@ from cfid.recordings.angle import angle_record
 from cfid.recordings.gyro import GYRO, integrated
 from cfid.records.run import Clock, DeviceRecord, Label, Origin
 from cfid.records.run_writer import create_run
-from cfid.swing.data import swing_in
+from cfid.swing.window import swing_in
 
 Array = npt.NDArray[np.float64]
 

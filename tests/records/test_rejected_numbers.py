@@ -66,7 +66,7 @@ def swing_by_thesis(_: Path) -> Result:
 
 def inertia(_: Path) -> Result:
     swings: list[Swing] = [*known()[:5], labelled(_swing(), axis="yz")]
-    return cfid.inertia.fit(swings, rig=thesis_rig(), propose=True)
+    return cfid.inertia.fit(swings, rig=thesis_rig())
 
 
 def drawn_body(_: Path) -> Result:

@@ -1,6 +1,5 @@
 """What is wrong in the first steps of a recording is said there, and the operator may end the recording."""
 
-import math
 import os
 import pty
 from pathlib import Path
@@ -11,8 +10,6 @@ import numpy.typing as npt
 import pytest
 
 from cfid.motors.during import Steps
-from cfid.records.rig_file import EncoderLines, LineValue
-from cfid.swing.during import Release
 from cfid.transfer.sines.during import Felt
 from tests.virtual_bench import Bench, bench_in
 
@@ -65,28 +62,6 @@ def test_a_sine_that_the_cell_does_not_feel_is_said_within_three_seconds(amplitu
 
     assert len(said_s) == (not is_felt)
     assert all(at_s < 3.0 for at_s in said_s)
-
-
-def released(angle_deg: Any, turn: float) -> list[tuple[float, str]]:
-    release, said = Release(turn), []
-    for begin_s in np.arange(0.0, 40.0, BLOCK_S):
-        time_s = begin_s + np.arange(0, BLOCK_S, 0.001)
-        angles = turn * (angle_deg(time_s) / 360 + 0.999) % turn  # across the turn's end
-        if text := release("encoder", [time_s, np.rint(angles).astype(np.int64) if turn == 8192 else angles]):
-            said.append((begin_s, text))
-    return said
-
-
-@pytest.mark.parametrize(("unit", "turn"), [("", 8192), ("deg", math.tau), ("rad", math.tau), ("counts", 4096)])
-def test_a_swing_without_a_release_is_said_once_and_a_late_one_is_none(unit: str, turn: float) -> None:
-    if unit:
-        setting = EncoderLines(kind="lines", port="port", rate_hz=100, values=(LineValue(name="phi", unit=unit),))
-        assert setting.turn(4096) == turn
-    ((after_s, text),) = released(lambda time_s: 0.3 * np.sin(time_s), turn)
-
-    assert 19 < after_s < 21
-    assert "0.6 degrees" in text
-    assert released(lambda time_s: np.where(time_s > 15, 20 * np.cos(8 * (time_s - 15)), 20.0), turn) == []
 
 
 def deafen(bench: Bench) -> None:

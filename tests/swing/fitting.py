@@ -8,8 +8,8 @@ import numpy.typing as npt
 from cfid.recordings.angle import AngleRecord
 from cfid.records.parameters import Source
 from cfid.records.run import Label
-from cfid.swing.data import swing_in
 from cfid.swing.estimation import SwingFit, fit_swing
+from cfid.swing.window import swing_in
 
 Array = npt.NDArray[np.float64]
 

@@ -9,8 +9,8 @@ import numpy.typing as npt
 from cfid.recordings.gyro import SCALE_STD, about_one_axis, integrated
 from cfid.sim.imu import Hanging, Imu, ImuTruth
 from cfid.sim.plants import Motion
-from cfid.swing.collocation import NO_THREADS, Threads
-from cfid.swing.free_swing import FreeSwing, find_swing
+from cfid.swing.pendulum import NO_THREADS, Threads
+from cfid.swing.window import FreeSwing, find_swing
 
 Array = npt.NDArray[np.float64]
 Axis = Sequence[float] | Array

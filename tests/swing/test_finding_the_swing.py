@@ -2,20 +2,14 @@
 
 import functools
 import math
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 import pytest
 
 from cfid.errors import DataError
-from cfid.recordings.angle import AngleRecord
-from cfid.records.parameters import Source
-from cfid.records.run import Label
 from cfid.sim.plants import HandRelease, Motion, Pendulum, swing
-from cfid.swing.data import swing_in
-from cfid.swing.free_swing import FreeSwing, find_swing
-from cfid.swing.release import FEWEST_PEAKS
+from cfid.swing.window import FEWEST_PEAKS, find_swing
 
 Array = npt.NDArray[np.float64]
 
@@ -67,11 +61,9 @@ def test_the_ten_degree_rule_stops_at_the_last_peak_of_ten_degrees() -> None:
     assert heights[found.peaks_used - 1] >= 10 > heights[found.peaks_used]
 
 
-def test_more_peaks_than_there_are_is_noted() -> None:
-    found = find_swing(*recorded(HandRelease(angle_rad=0.5)), peaks=99)
-
-    assert found.peaks_used == len(found.peak_time_s)
-    assert "99 peaks were requested" in found.findings[0].text
+def test_more_peaks_than_there_are_are_refused() -> None:
+    with pytest.raises(DataError, match="99 peaks were requested"):
+        find_swing(*recorded(HandRelease(angle_rad=0.5)), peaks=99)
 
 
 def test_a_record_that_begins_in_free_swing_is_taken_from_its_first_sample() -> None:
@@ -88,7 +80,7 @@ def test_a_swing_pushed_again_ends_before_the_push() -> None:
     found = find_swing(np.asarray(0.001 * np.arange(len(pushed)), dtype=np.float64), pushed)
 
     assert found.time_s[found.end] < 4.6
-    assert "higher than the one before" in found.findings[0].text
+    assert [finding.code for finding in found.findings] == ["swing-peak-grows"]
 
 
 def test_a_body_that_is_lifted_again_at_the_end_leaves_the_swing_before() -> None:
@@ -105,7 +97,7 @@ def test_a_body_that_is_lifted_again_at_the_end_leaves_the_swing_before() -> Non
 
 
 def test_a_window_by_hand_is_kept() -> None:
-    found: FreeSwing = find_swing(*recorded(HandRelease(angle_rad=0.8)), from_s=3.0, to_s=6.0)
+    found = find_swing(*recorded(HandRelease(angle_rad=0.8)), from_s=3.0, to_s=6.0)
 
     assert found.time_s[found.release] == pytest.approx(3.0)
     assert 5.4 < found.time_s[found.end] <= 6.0
@@ -146,21 +138,13 @@ def test_a_window_without_samples_is_refused() -> None:
         find_swing(*recorded(HandRelease(angle_rad=0.8)), from_s=100.0)
 
 
-def test_a_swing_in_a_record_of_hours_is_found_in_the_rows_around_it() -> None:
+def test_a_record_of_hours_is_refused_until_its_window_is_given() -> None:
     time_s = np.arange(4_000_000, dtype=np.float64) * 1e-3
     since_s = (time_s - 2000).clip(0, 60)
     angle_rad = 0.5 * np.exp(-since_s / 10) * np.cos(10 * since_s) * (since_s < 60)
-    record = AngleRecord(
-        path=Path("long.csv"),
-        source=Source("long.csv", ""),
-        label=Label(),
-        time_s=time_s,
-        angle_rad=angle_rad,
-        findings=(),
-    )
-    found = swing_in(record)
+    with pytest.raises(DataError, match="`from_s` and `to_s`"):
+        find_swing(time_s, angle_rad)
+    found = find_swing(time_s, angle_rad, from_s=1990, to_s=2065)
+
     assert found.release_s == pytest.approx(2000, abs=0.05)
     assert found.period_s == pytest.approx(2 * np.pi / 10, rel=1e-4)
-    assert found.peak_time_s[1] == pytest.approx(2000 + 2 * np.pi / 10, abs=0.01)
-    assert len(found.time_s) < 200_000
-    assert [one.code for one in found.findings] == ["swing-part-used"]

@@ -13,9 +13,9 @@ from cfid.recordings.gyro import about_one_axis, integrated
 from cfid.sim.imu import ImuTruth
 from cfid.sim.plants import Motion, Pendulum, TwoThreads, swing
 from cfid.sim.swing import draw_release
-from cfid.swing.collocation import NO_THREADS, Threads
 from cfid.swing.estimation import SwingFit, fit_swing
-from cfid.swing.free_swing import find_swing
+from cfid.swing.pendulum import NO_THREADS, Threads
+from cfid.swing.window import find_swing
 from tests.swing.gyro_recordings import gyro_of, gyro_swing, usual_gyro
 
 Array = npt.NDArray[np.float64]

@@ -6,13 +6,13 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.inertia.estimation import InertiaFit, fit_inertia
+from cfid.inertia.matrix import InertiaFit, fit_inertia
 from cfid.records.rig_file import Rig, load_rig, new_rig_text
 from cfid.sim.plants import swing
 from cfid.sim.swing import TrueFriction, Truth, draw_release, draw_truth, pendulum
-from cfid.swing.axis_inertias import AxisInertias, MountedSwing, Surroundings, SwungBody
+from cfid.swing.body import MountedSwing, Surroundings, SwungBody, axis_inertias
 from cfid.swing.estimation import fit_swing
-from cfid.swing.free_swing import find_swing
+from cfid.swing.window import find_swing
 from cfid.units import MM
 from cfid.wire.rls import decode_words
 from tests.offline.encoder import EncoderModel, record
@@ -76,7 +76,7 @@ def identify(rig: Rig, measured: dict[str, MountedSwing]) -> InertiaFit:
         mounts=rig.mounts,
     )
     site = Surroundings(gravity_mps2=rig.site.gravity_mps2, gravity_std_mps2=rig.site.gravity_std_mps2)
-    return fit_inertia(AxisInertias(list(measured.values()), body, site))
+    return fit_inertia(axis_inertias(list(measured.values()), body, site))
 
 
 def z_scores(rig: Rig, campaigns: int, seed: int) -> Array:

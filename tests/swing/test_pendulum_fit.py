@@ -12,7 +12,7 @@ from scipy.signal import savgol_filter
 
 from cfid.estimate.signals import correlation_inflation, smooth
 from cfid.sim.plants import HandRelease, Motion, Pendulum, swing
-from cfid.swing.model import OutputError, first_guess, fit_output_error, sample
+from cfid.swing.pendulum import OutputError, first_guess, fit_output_error, sample
 
 Array = npt.NDArray[np.float64]
 TERMS = ("viscous", "coulomb", "quadratic")

@@ -7,8 +7,8 @@ from cfid.recordings.angle import AngleRecord, angle_of, angle_record
 from cfid.recordings.read import read_recording
 from cfid.recordings.recording import How
 from cfid.swing.estimation import fit_swing
-from cfid.swing.free_swing import FreeSwing, find_swing
 from cfid.swing.thesis import fit_damped_cosine
+from cfid.swing.window import FreeSwing, find_swing
 from tests.places import DATA
 
 SOUND = DATA / "multiarm_pendulum" / "single_free_swing.csv"

@@ -11,7 +11,7 @@ import pytest
 from cfid.sim.plants import Motion, Pendulum, swing
 from cfid.sim.swing import draw_release
 from cfid.swing.estimation import fit_swing
-from cfid.swing.free_swing import find_swing
+from cfid.swing.window import find_swing
 from cfid.wire.rls import decode_words
 from tests.offline.encoder import EncoderModel, record
 

@@ -9,13 +9,11 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from cfid.swing.collocation import Coefficients
 from cfid.swing.estimation import SwingFit, fit_swing
-from cfid.swing.figures import swing_figure, thesis_swing_figure
-from cfid.swing.free_swing import FreeSwing, find_swing
-from cfid.swing.model import sample
-from cfid.swing.motion import fitted_motion
+from cfid.swing.figures import fitted_motion, swing_figure, thesis_swing_figure
+from cfid.swing.pendulum import Coefficients, sample
 from cfid.swing.thesis import fit_damped_cosine, fit_flexible
+from cfid.swing.window import FreeSwing, find_swing
 
 Look = Callable[[Figure], Any]
 

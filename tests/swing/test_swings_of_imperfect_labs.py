@@ -25,7 +25,7 @@ from cfid.records.run import DeviceRecord, Label
 from cfid.records.run_writer import create_run
 from cfid.sim.app_core import compiled
 from cfid.swing.estimation import SwingFit, fit_swing
-from cfid.swing.free_swing import find_swing
+from cfid.swing.window import find_swing
 
 Array = npt.NDArray[np.float64]
 

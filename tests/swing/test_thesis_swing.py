@@ -8,8 +8,8 @@ import numpy.typing as npt
 import pytest
 
 from cfid.sim.plants import HandRelease, Pendulum, swing
-from cfid.swing.free_swing import FreeSwing, find_swing
 from cfid.swing.thesis import fit_damped_cosine, fit_flexible, log_decrement
+from cfid.swing.window import FreeSwing, find_swing
 
 Array = npt.NDArray[np.float64]
 

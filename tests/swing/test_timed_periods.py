@@ -19,8 +19,8 @@ from cfid.records.rig_file import load_rig, new_rig_text
 from cfid.records.run import DeviceRecord, Label
 from cfid.records.run_writer import create_run
 from cfid.sim.plants import HandRelease, Pendulum, swing
-from cfid.swing.collocation import NO_THREADS, Threads
-from cfid.swing.data import KnownInertia
+from cfid.swing.body import KnownInertia
+from cfid.swing.pendulum import NO_THREADS, Threads
 from cfid.swing.periods import period_ratio, timed_frequency
 
 Array = npt.NDArray[np.float64]
