@@ -11,6 +11,7 @@ from cfid.wire.app import LARGEST_COMMAND
 
 RPM = 2 * math.pi / 60  # rad/s of one revolution per minute
 MM = 1e-3  # m
+CRYSTAL_STD = 5e-5  # relative, of a clock with a crystal, over temperature and age
 USUAL_GRAVITY_MPS2 = 9.81  # as in section 3.3.1 of the thesis; used where no rig.toml states the local value
 COVERAGE_95 = 1.96  # standard deviations on either side that cover 95 % of a normal distribution
 

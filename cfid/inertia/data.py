@@ -66,14 +66,15 @@ def measure(
     mounts: Mapping[str, Mount],
     gravity_mps2: float,
     gives: str,
+    clock_std: float,
     peaks: Peaks,
     smallest_peak_rad: float,
     method: Method,
 ) -> MeasuredSwings:
     """Fit every recording of a body, on the one of its `mounts` that its label names; known axis inertias are kept.
 
-    `gives` is the key, without the mount, of the quantity that a swing gives. Raises DataError and FitError naming the
-    file, ConfigError for a second fixture or another body's swing.
+    `gives` is the key, without the mount, of the quantity that a swing gives; `clock_std` is that of the encoder.
+    Raises DataError and FitError naming the file, ConfigError for a second fixture or another body's swing.
     """
     names = [swing.mount if isinstance(swing, KnownInertia) else _mount_of(swing, body) for swing in swings]
     if names.count(FIXTURE) > 1:
@@ -89,7 +90,7 @@ def measure(
             continue
         threads = threads_of(mounts.get(mount), gravity_mps2)
         window = {"peaks": peaks_on(mount, peaks), "smallest_peak_rad": smallest_peak_rad}
-        fitted = estimate(swing, threads, method=method, **window)
+        fitted = estimate(swing, threads, clock_std, method=method, **window)
         value, std = fitted.frequency
         mounted.append(MountedSwing(axis=mount, value=value, std=std, name=swing.name))
         key = f"{gives}.{mount}"

@@ -29,7 +29,7 @@ from pydantic import (
 from cfid.errors import ConfigError
 from cfid.quantities.registry import Platform
 from cfid.records.files import RIG_FILE, first_fault, locked_folder, read_toml, write_whole
-from cfid.units import FULL_COMMAND, MM, USUAL_GRAVITY_MPS2, factor
+from cfid.units import CRYSTAL_STD, FULL_COMMAND, MM, USUAL_GRAVITY_MPS2, factor
 from cfid.wire.lines import LineReader, Value
 
 Number = Annotated[float, Field(strict=True)]  # strict: neither true nor "1" is a number
@@ -568,9 +568,13 @@ class Site(RigTable):
 
 
 class EncoderScale(RigTable):
-    """The scale of the encoder: counts per turn, or the name of a word format."""
+    """The encoder: counts per turn, or the name of a word format, and the clock that stamps its readings.
+
+    `clock_std` is the relative standard uncertainty of that clock: 0.00005 for a crystal, 0.003 for a resonator.
+    """
 
     counts_per_turn: Positive | Literal["rls-13bit-in-22"] = "rls-13bit-in-22"
+    clock_std: Spread = CRYSTAL_STD
 
 
 class FrictionRig(RigTable):

@@ -22,6 +22,7 @@ from cfid.findings import Finding, warning
 from cfid.recordings.angle import AngleRecord
 from cfid.recordings.gyro import SCALE_STD
 from cfid.swing.pendulum import NO_THREADS, Setup, Threads
+from cfid.units import CRYSTAL_STD
 
 Array = npt.NDArray[np.float64]
 
@@ -108,8 +109,12 @@ class FreeSwing:
         return self.time_s[window], self.angle_rad[window]
 
 
-def swing_in(record: AngleRecord, threads: Threads = NO_THREADS, **window: Any) -> FreeSwing:
+def swing_in(
+    record: AngleRecord, threads: Threads = NO_THREADS, *, clock_std: float = CRYSTAL_STD, **window: Any
+) -> FreeSwing:
     """Find the free swing of a recording; `threads` carry the body, `window` are arguments of `find_swing`.
+
+    `clock_std` is the relative standard uncertainty of the clock that stamps an encoder's readings.
 
     Of an encoder that repeats its readings, the first row of each counts: a row that repeats one shows an earlier
     angle. Raises DataError that names the file, also where readings stand still while the body swings.
@@ -132,10 +137,15 @@ def swing_in(record: AngleRecord, threads: Threads = NO_THREADS, **window: Any) 
             _check_frozen(swing)
     except DataError as error:
         raise DataError(f"{record.path}: {error}{_unsummed(record)}") from None
-    swing = replace(swing, time_scale_std=record.time_scale_std, threads=threads)
     if record.rates is None:
-        return swing
-    return replace(swing, rate_rad_per_s=record.rates.rate_rad_per_s, rate_scale_std=SCALE_STD)
+        return replace(swing, time_scale_std=math.hypot(record.time_scale_std, clock_std), threads=threads)
+    return replace(
+        swing,
+        time_scale_std=record.time_scale_std,
+        threads=threads,
+        rate_rad_per_s=record.rates.rate_rad_per_s,
+        rate_scale_std=SCALE_STD,
+    )
 
 
 def check_peaks(peaks: int | Mapping[str, int] | None, axes: Iterable[str]) -> None:

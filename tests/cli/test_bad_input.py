@@ -133,7 +133,7 @@ def test_a_swing_that_is_rejected_gives_no_number_unless_forced(cfid: Cfid, file
 
 def test_five_axes_are_too_few_for_a_matrix(cfid: Cfid) -> None:
     words = ["x=3.1e-5", "y=3.1e-5", "z=7.0e-5", "xy=4.9e-5", "xz=4.6e-5"]
-    fitted = cfid("fit", "inertia", *words, "--json")
+    fitted = cfid("fit", "inertia", *words, "--geometry", "thesis", "--json")
 
     assert fitted.returncode == 5
     assert "six are needed" in fitted.stderr
@@ -152,7 +152,7 @@ def test_five_axes_are_too_few_for_a_matrix(cfid: Cfid) -> None:
     ],
 )
 def test_an_inertia_from_wrong_words_is_a_usage_error(cfid: Cfid, words: list[str], named: str) -> None:
-    refused(cfid("fit", "inertia", *words, "--json"), 2, named)
+    refused(cfid("fit", "inertia", *words, "--geometry", "thesis", "--json"), 2, named)
 
 
 @pytest.mark.parametrize(

@@ -29,7 +29,7 @@ def test_a_fit_that_draws_nothing_does_not_wait_for_matplotlib() -> None:
         "import sys\ntry:\n    from cfid.cli.main import main\n    main(sys.argv[1:])\nexcept SystemExit:\n    pass\n"
     )
     words += "print('loaded:', [name for name in ('matplotlib', 'cfid.inertia.result') if name in sys.modules])"
-    command = [sys.executable, "-c", words, "fit", "inertia", *swings, "--json"]
+    command = [sys.executable, "-c", words, "fit", "inertia", *swings, "--geometry", "thesis", "--json"]
     ended = subprocess.run(command, capture_output=True, text=True, check=True)
 
     assert ended.stdout.strip().endswith("loaded: ['cfid.inertia.result']"), ended.stderr
