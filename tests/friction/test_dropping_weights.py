@@ -195,23 +195,6 @@ def test_uncertain_weights_and_gravity_widen_friction() -> None:
     )
 
 
-def test_the_mean_speed_is_as_uncertain_as_its_blocks_scatter() -> None:
-    time_s, angle = at_speed(100.0)
-    noisy = angle + np.cumsum(np.random.default_rng(3).normal(0, 2e-3, len(angle)))
-    found = measured(time_s, noisy, 20)
-    steady = (time_s[:-1] >= found.from_s) & (time_s[:-1] < found.to_s)
-    speed = np.diff(noisy)[steady] / 0.001
-    blocks = speed[: len(speed) // 50 * 50].reshape(-1, 50).mean(axis=1)
-
-    assert found.speed_std_rad_per_s == pytest.approx(blocks.std(ddof=1) / np.sqrt(len(blocks)), rel=0.25)
-
-
-def test_turning_the_other_way_is_the_same() -> None:
-    time_s, angle = fallen(40)
-
-    assert measured(time_s, -angle, 40).speed_rad_per_s == pytest.approx(measured(time_s, angle, 40).speed_rad_per_s)
-
-
 def test_one_weight_alone_gives_no_friction_and_the_reason() -> None:
     found = fit_friction([measured(*fallen(40), 40)], radius_m=RADIUS_M, radius_std_m=0.0, gravity_mps2=GRAVITY)
 

@@ -1,14 +1,11 @@
 """Figures of dropped weights: drops that settled, drops that did not, and the line through them."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
 
 from cfid.friction.drops import Drop
 from cfid.friction.estimation import fit_friction
@@ -26,23 +23,6 @@ def test_a_run_that_never_settled_is_marked_in_red_words(drop: MakeDrop, look: L
     assert page.red().startswith("never settled")
     assert page.red().count("never settled") == 1
     assert page.overlapping() == []
-
-
-def test_the_windows_borders_and_mean_are_the_drops(drop: MakeDrop) -> None:
-    fallen = drop(0.03)
-    _, turned, speed = drops_figure([fallen], labels=["a"]).axes
-    for axes in (turned, speed):
-        (window,) = axes.patches
-        assert isinstance(window, Rectangle)
-        assert (window.get_x(), window.get_x() + window.get_width()) == pytest.approx((fallen.from_s, fallen.to_s))
-    (mean,) = (line for line in speed.get_lines() if line.get_label() == "mean")
-    assert mean.get_ydata() == pytest.approx([fallen.speed_rad_per_s] * 2)
-    assert mean.get_xdata() == pytest.approx([fallen.from_s, fallen.to_s])
-
-
-def test_a_row_keeps_the_runs_name_as_it_is(drop: MakeDrop) -> None:
-    _, turned, _ = drops_figure([drop(0.03)], labels=["30 g, a_$b$"]).axes
-    assert turned.get_title(loc="left") == "30 g, a_$b$"
 
 
 def test_more_than_six_runs_share_rows_by_weight(drop: MakeDrop, look: Look) -> None:
@@ -90,16 +70,3 @@ def test_one_weight_alone_does_not_separate_two_frictions(drop: MakeDrop, look: 
     written = " ".join(text.get_text() for text in page.texts())
     assert "one weight alone" in written
     assert "not determined" in written
-
-
-def test_torques_have_bars_of_the_weights_and_of_the_mean_speeds(drop: MakeDrop) -> None:
-    drops = [replace(drop(weight), weight_std_kg=1e-4) for weight in (0.02, 0.03, 0.05)]
-    found = fit_friction(drops, radius_std_m=0.0, radius_m=RADIUS_M, gravity_mps2=GRAVITY_MPS2)
-    page = friction_figure(drops, found, radius_m=RADIUS_M, gravity_mps2=GRAVITY_MPS2)
-    torque = next(axes for axes in page.axes if axes.get_title("left").startswith("(a)"))
-    segments = [bar for one in torque.collections if isinstance(one, LineCollection) for bar in one.get_segments()]
-    tall = [np.ptp(bar[:, 1]) / 2 for bar in map(np.asarray, segments) if np.ptp(bar[:, 0]) == 0]
-    wide = [np.ptp(bar[:, 0]) / 2 for bar in map(np.asarray, segments) if np.ptp(bar[:, 0]) > 0]
-
-    assert tall == pytest.approx([1e6 * 1e-4 * GRAVITY_MPS2 * RADIUS_M] * 6)
-    assert wide == pytest.approx([each.speed_std_rad_per_s for each in drops])

@@ -60,17 +60,6 @@ def test_a_mounts_curve_is_zero_at_its_best_distance_and_meets_its_swing(look: L
         assert slope == pytest.approx(1e3 * (inertia / at_m - mass * at_m), abs=1e-4)
 
 
-def test_repeated_swings_stand_side_by_side_with_their_residuals(look: Look) -> None:
-    axes = [axis for axis in THESIS for _ in range(2)] + ["x"]
-    fit = _fit(axes, scatter=4e-3)
-    page = look(inertia_figures.budget_figure(fit, axes=axes))
-    points = page.panel("(b)").get_lines()[0].get_xdata()
-    assert len(np.unique(points)) == len(axes)
-    assert np.array_equal(np.round(points), [list(THESIS).index(axis) for axis in axes])
-    assert "χ²" in page.panel("(c)").get_title(loc="left")
-    assert page.overlapping() == []
-
-
 def test_swings_that_contradict_each_other_are_marked_in_red(look: Look) -> None:
     axes = [axis for axis in THESIS for _ in range(3)]
     fit = _fit(axes, std=1e-3, scatter=0.05)

@@ -95,12 +95,6 @@ def test_a_run_whose_name_has_an_equals_sign_is_no_label_and_file(cfid: Cfid, bo
         assert json.loads(after.stdout)["parameters"] == json.loads(before)["parameters"]
 
 
-def test_every_runs_name_is_printed_whole(cfid: Cfid, bodies: Path) -> None:
-    ended = cfid("runs", "--campaign", bodies)
-
-    assert all(run.name in ended.stdout for run in (bodies / "runs").iterdir())
-
-
 @pytest.mark.parametrize("peaks", ["q=9", "x=9,q=9", "x=3,y=9", "9,10", "x=a"])
 def test_peaks_that_mean_nothing_are_refused(cfid: Cfid, bodies: Path, peaks: str) -> None:
     words = [run_named(bodies, f"swing_{axis}") for axis in ("x", "y")]
@@ -108,12 +102,6 @@ def test_peaks_that_mean_nothing_are_refused(cfid: Cfid, bodies: Path, peaks: st
 
     assert ended.returncode == 2
     assert "peaks" in ended.stderr
-
-
-def test_json_is_all_there_is_on_stdout(cfid: Cfid, bodies: Path) -> None:
-    ended = cfid("fit", "swing", run_named(bodies, "swing_x"), "--json", "--campaign", bodies)
-
-    assert json.loads(ended.stdout)["command"] == "fit swing"
 
 
 def test_one_weight_gives_its_runs_and_no_friction(cfid: Cfid, bodies: Path) -> None:

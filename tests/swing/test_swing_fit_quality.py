@@ -52,20 +52,6 @@ def test_the_damping_that_acted_lies_within_the_uncertainties_of_what_is_found(d
     assert fit.accepted
 
 
-def test_the_inertia_hardly_depends_on_the_damping_chosen() -> None:
-    swing_found = found(viscous_nms_per_rad=1.2e-5, coulomb_nm=3e-5, quadratic_nms2_per_rad2=1e-7)
-    fit = fit_swing(swing_found)
-
-    assert fit.coefficients.natural_frequency_squared_s2 == pytest.approx(MOMENT / INERTIA, rel=2e-4)
-
-
-def test_the_start_state_is_the_release_and_its_speed_is_near_zero() -> None:
-    fit = fit_swing(found(viscous_nms_per_rad=1.5e-5))
-
-    assert fit.output_error.start_angle_rad == pytest.approx(math.radians(50), rel=0.02)
-    assert abs(fit.output_error.start_speed_rad_per_s) < 0.6
-
-
 def test_a_second_motion_on_top_is_rejected() -> None:
     time_s = recorded(viscous_nms_per_rad=1.5e-5)[0]
     arm = 0.012 * np.sin(2 * math.pi * 7.3 * time_s)
@@ -95,10 +81,6 @@ def test_the_waveform_may_be_off_by_the_rounding_of_a_coarse_encoder() -> None:
     assert math.sqrt(coarse**2 - fine**2) * start_rad == pytest.approx(rounding_rad, rel=0.05)
 
 
-def test_where_dry_friction_jumps_the_grid_counts() -> None:
-    assert fit_swing(found(coulomb_nm=1e-4, noise_rad=0.0)).budget_s2["grid"] > 0
-
-
 def test_correlated_noise_widens_the_standard_uncertainty_and_white_noise_does_not() -> None:
     time_s, clean = recorded(viscous_nms_per_rad=1.5e-5, noise_rad=0.0)
     rng = np.random.default_rng(7)
@@ -123,25 +105,6 @@ def test_the_stated_uncertainty_of_the_zero_is_its_scatter_over_noise() -> None:
     # A standard deviation of 24 values is uncertain by 15 %.
     assert 0.55 < values.std(ddof=1) / stated.mean() < 1.45
     assert abs(values.mean()) < 3 * stated.mean() / np.sqrt(24)
-
-
-@pytest.mark.parametrize("zero", [-0.4, 0.0, 0.25])
-def test_the_zero_of_the_encoder_does_not_matter(zero: float) -> None:
-    time_s, angle = recorded(viscous_nms_per_rad=1.5e-5)
-    here, there = (fit_swing(find_swing(time_s, angle + shift)) for shift in (0.0, zero))
-
-    assert there.coefficients.natural_frequency_squared_s2 == pytest.approx(
-        here.coefficients.natural_frequency_squared_s2, rel=1e-9
-    )
-
-
-def test_a_clock_twice_as_fast_makes_a_frequency_squared_four_times_as_high() -> None:
-    time_s, angle = recorded(viscous_nms_per_rad=1.5e-5)
-    slow, fast = (fit_swing(find_swing(time_s / speed, angle)) for speed in (1.0, 2.0))
-
-    assert fast.coefficients.natural_frequency_squared_s2 == pytest.approx(
-        4 * slow.coefficients.natural_frequency_squared_s2, rel=1e-5
-    )
 
 
 @pytest.mark.parametrize("seed", range(6))
