@@ -28,7 +28,6 @@ from cfid.drawing.style import (
     name_panel,
     styled,
 )
-from cfid.drawing.suspension import axis_figure, threads_figure
 from cfid.findings import texts
 from cfid.inertia.comparison import BodyComparison
 from cfid.inertia.matrix import InertiaFit
@@ -91,17 +90,11 @@ def testbody_figure(comparisons: Sequence[BodyComparison], *, title: str = "Test
 
 
 def rig_figures(body: SwungBody, axes: Sequence[str], frame: BodyFrame) -> Figures:
-    """Draw how the body swung, and the axes about which it swung; a pair of threads has no axis."""
+    """Draw the axes about which the body swung; a pair of threads has no axis."""
     mounts = {axis: body.mounts[axis] for axis in axes if axis in body.mounts}
     hung = {axis: mount for axis, mount in mounts.items() if mount.threads is None}
-    drawn = {}
-    if hung:
-        drawn["inertia_swing"] = axis_figure(title="Swing about an axis")
-        title = "Axes of the swings, as rig.toml states them"
-        drawn["inertia_mounts"] = mounts_figure(hung, frame, title=title)
-    if len(hung) < len(mounts):
-        drawn["inertia_threads"] = threads_figure(title="Swing on two threads")
-    return drawn
+    title = "Axes of the swings, as rig.toml states them"
+    return {"inertia_mounts": mounts_figure(hung, frame, title=title)} if hung else {}
 
 
 def _draw_pairs(panel: Axes, comparisons: Sequence[BodyComparison]) -> None:

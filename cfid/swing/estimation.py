@@ -19,9 +19,8 @@ import numpy.typing as npt
 from scipy.special import chdtrc, erfcx, log_ndtr
 
 from cfid.errors import FitError
-from cfid.estimate.blocks import block_means
 from cfid.estimate.linear import gain_of
-from cfid.estimate.signals import GRID_S, correlation_inflation
+from cfid.estimate.signals import GRID_S, block_means, correlation_inflation
 from cfid.findings import Finding, explained, note, rejection, texts, warning
 from cfid.recordings.gyro import SCALE_STD
 from cfid.swing.pendulum import (
