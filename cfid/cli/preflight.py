@@ -149,7 +149,7 @@ def _plan(experiment: Experiment) -> "list[Held]":
     from cfid.drag.wind.command import SweepOptions
     from cfid.estimate.battery_endurance import Held
     from cfid.motors.command import StaircaseOptions, thrust_staircase
-    from cfid.transfer.sines.command import SineOptions, seconds_of_each
+    from cfid.transfer.command import SineOptions, seconds_of_each
 
     if experiment == "swing":
         return [Held(0, 0, _SWING_S)]

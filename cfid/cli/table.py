@@ -110,7 +110,7 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
         "Record the readings of scales while motors run a staircase (figure 3.9); Ctrl-C stops the motors.",
     ),
     "log sine": (
-        "cfid.transfer.sines.command:sine",
+        "cfid.transfer.command:sine",
         "Play sines on board, one after the other, and record load cell and crossings; Ctrl-C stops the motors.",
     ),
     "log ping": (

@@ -17,7 +17,7 @@ from cfid.records.fits import Fit
 from cfid.records.rig_file import CampaignKind
 from cfid.records.run import Run, list_runs
 from cfid.records.values import Values
-from cfid.transfer.sines.plan import Sine, SineSweep, missing_sines
+from cfid.transfer.plan import Sine, SineSweep, missing_sines
 
 State = Literal["missing", "not fitted", "stale", "rejected", "accepted"]
 

@@ -7,7 +7,7 @@ without turning its frame: in the thesis x is the pitch axis and y the roll axis
 from typing import NamedTuple
 
 from cfid.records.rig_file import BodyFrame
-from cfid.transfer.model import EQ_3_15, EQ_3_16, Dynamics
+from cfid.transfer.model import EQ_3_15, EQ_3_16, TransferFunction
 from cfid.units import RPM
 
 X_FORWARD = BodyFrame()
@@ -245,9 +245,9 @@ THRUST_AT_VOLTAGE_N = (
 )
 
 
-def _first_order(plant: Dynamics) -> tuple[float, float]:
+def _first_order(function: TransferFunction) -> tuple[float | None, float]:
     """Return the time constant and the static gain."""
-    return plant.lags_s[0], plant.static_gain_n
+    return function.time_constant_s, function.static_gain_n
 
 
 _LATE = "of its pole; the latency of its stamps was left out"

@@ -5,10 +5,8 @@ from typing import TYPE_CHECKING
 from cfid.lazy import attached
 
 if TYPE_CHECKING:
+    from cfid.transfer.data import read_sines as read_sines
     from cfid.transfer.result import fit as fit
-    from cfid.transfer.sines.data import read_sines as read_sines
-    from cfid.transfer.verification_result import verify as verify
+    from cfid.transfer.result import verify as verify
 
-__getattr__, __dir__ = attached(
-    __name__, {"fit": "result", "read_sines": "sines.data", "verify": "verification_result"}
-)
+__getattr__, __dir__ = attached(__name__, {"fit": "result", "read_sines": "data", "verify": "result"})

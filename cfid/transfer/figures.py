@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -27,20 +28,33 @@ from cfid.drawing.style import (
 from cfid.estimate.linear import propagated, std_of
 from cfid.findings import SEVERITIES, texts
 from cfid.records.result import Figures
-from cfid.transfer.estimation import TransferFit
-from cfid.transfer.identification import Identified
-from cfid.transfer.model import Dynamics, evaluate
-from cfid.transfer.panels import COMMAND, FREQUENCY, SeriesPoints, draw_played, draw_points, sine_run_figure
-from cfid.transfer.sines.alignment import SineRun
+from cfid.transfer.alignment import Reports, SineRun
+from cfid.transfer.estimation import Identified, TransferFit
+from cfid.transfer.model import Complex, TransferFunction
 from cfid.transfer.thesis import ThesisFit
 from cfid.transfer.verification import Verification
 from cfid.units import COVERAGE_95
 
 Array = npt.NDArray[np.float64]
 
+COMMAND = "command"
+FREQUENCY = "frequency (Hz)"
+
+_SHOWN_HARMONICS = 4.5
+_CIRCLES: dict[str, Any] = {"ls": "", "marker": "o", "ms": 4.5, "mfc": "none", "color": RECORDED}
 _CURVE = 300
 _LAGS = 6.0  # that a step is drawn for
 _EXAMPLE_HZ = 1.5  # l = 12 of N = 4000, which the thesis shows
+
+
+class SeriesPoints(NamedTuple):
+    """A series' responses (n,), without and with their delay, and 95 % intervals (n, 2) of size and phase."""
+
+    name: str
+    omega_rad_s: Array
+    value: Complex
+    stamped: Complex
+    interval: Array | None
 
 
 def fit_figures(found: Identified, *, thesis: ThesisFit | None, settle_s: float) -> Figures:
@@ -77,8 +91,7 @@ def bode_figure(fit: TransferFit, *, thesis: ThesisFit | None = None) -> Figure:
     omega = _omegas(np.concatenate([points.omega_rad_s for points in _points(fit)]))
     _draw_model(size, phase, omega, fit.response(omega), label="model", dashes="-")
     if thesis is not None:
-        of_thesis = evaluate(thesis.numerator, thesis.denominator, omega * fit.sample_s)
-        _draw_model(size, phase, omega, of_thesis, label="thesis method", dashes="--")
+        _draw_model(size, phase, omega, thesis.function.response(omega), label="thesis method", dashes="--")
     for axes in (size, phase, left, turned):
         axes.set_xscale("log")
     size.set_yscale("log")
@@ -90,7 +103,7 @@ def bode_figure(fit: TransferFit, *, thesis: ThesisFit | None = None) -> Figure:
 
 
 @styled
-def thesis_bode_figure(each: Mapping[str, ThesisFit], joint: ThesisFit, *, sample_s: float) -> Figure:
+def thesis_bode_figure(each: Mapping[str, ThesisFit], joint: ThesisFit) -> Figure:
     """Return the estimates of eq. 3.9 and the least squares through them, as figures 3.14 and 3.15."""
     page, grid = figure(
         3,
@@ -103,12 +116,12 @@ def thesis_bode_figure(each: Mapping[str, ThesisFit], joint: ThesisFit, *, sampl
     name_panel(size, "(a) magnitude", x="", y="thrust over command (µN)")
     name_panel(phase, "(b) phase", x=FREQUENCY, y="phase (degrees)")
     for number, (name, fit) in enumerate(each.items()):
-        omega, value = (np.array([getattr(own, what) for own in fit.responses]) for what in ("omega_rad", "value"))
-        points = SeriesPoints(name, omega / sample_s, value, value, None)
+        omega = np.array([response.omega_rad for response in fit.responses]) / fit.function.sample_s
+        value = np.array([response.value for response in fit.responses])
+        points = SeriesPoints(name, omega, value, value, None)
         draw_points(size, phase, points, colour=SERIES[number % len(SERIES)])
-    omega = _omegas(np.array([own.omega_rad for own in joint.responses]) / sample_s)
-    model = evaluate(joint.numerator, joint.denominator, omega * sample_s)
-    _draw_model(size, phase, omega, model, label="weighted least squares", dashes="-")
+    omega = _omegas(np.array([response.omega_rad for response in joint.responses]) / joint.function.sample_s)
+    _draw_model(size, phase, omega, joint.function.response(omega), label="weighted least squares", dashes="-")
     for axes in (size, phase):
         axes.set_xscale("log")
     size.set_yscale("log")
@@ -125,15 +138,24 @@ def step_figure(fit: TransferFit, *, thesis: ThesisFit | None = None) -> Figure:
     axes = page.add_subplot(grid[1, 0])
     name_panel(axes, "thrust after a step", x="time since the step (ms)", y="thrust over command (µN)")
     time_s = np.linspace(-0.3, _LAGS, _CURVE) * fit.time_constant_s
-    force, std = fit.dynamics.step_response(time_s), _step_std(fit, time_s)
+    count = 1 + len(fit.lags_s) + (fit.shape == "zero")
+
+    def step(values: Array) -> Array:
+        lags = 1 + len(fit.lags_s)
+        lead_s = float(values[lags]) if fit.shape == "zero" else 0.0
+        function = TransferFunction.of_lags(values[0], values[1:lags], lead_s=lead_s, sample_s=fit.function.sample_s)
+        return _step(function, time_s)
+
+    force = step(fit.values[:count])
+    std = std_of(propagated(step, fit.values[:count], fit.covariance[:count, :count]))
     low, high = force - COVERAGE_95 * std, force + COVERAGE_95 * std
     axes.fill_between(1e3 * time_s, MICRO * low, MICRO * high, color=MODEL, alpha=0.3, lw=0, label="95 % interval")
     axes.plot(1e3 * time_s, MICRO * force, color=MODEL, label="model")
     axes.axvline(1e3 * fit.time_constant_s, color=MUTED, lw=0.8, ls=":", label="time constant")
-    if thesis is not None and thesis.time_constant_s is not None:
-        other = Dynamics(static_gain_n=thesis.static_gain_n, lags_s=(thesis.time_constant_s,))
+    if thesis is not None and (lag_s := thesis.function.time_constant_s) is not None:
+        other = TransferFunction.of_lags(thesis.function.static_gain_n, [lag_s])
         label = "the thesis' gain and time constant"
-        axes.plot(1e3 * time_s, MICRO * other.step_response(time_s), color=INK, ls="--", label=label)
+        axes.plot(1e3 * time_s, MICRO * _step(other, time_s), color=INK, ls="--", label=label)
     key_row(page.add_subplot(grid[0, 0]), *axes.get_legend_handles_labels()[0])
     return page
 
@@ -163,13 +185,77 @@ def verification_figure(run: SineRun, found: Verification) -> Figure:
     return page
 
 
+@styled
+def sine_run_figure(run: SineRun, reports: Reports, *, settle_s: float) -> Figure:
+    """Return one run: commands reconstructed from its reports, the thrust during that time, and the spectra of both.
+
+    Reports are drawn at their stamps, which include the radio's latency; commands are drawn when they were played.
+    """
+    notes = [f"the first {settle_s:g} s are left out of the spectra, which hold whole periods"]
+    page, grid = figure(4, 2, heights_in=(KEY_IN, 2.0, 2.2, 2.0), title=f"Sine run: {run.name}", notes=notes)
+    played, force = page.add_subplot(grid[1, :]), page.add_subplot(grid[2, :])
+    end_s = float(run.time_s[-1])
+    draw_played(played, run, end_s=end_s)
+    played.plot(reports.host_s - run.start_s, reports.command, **_CIRCLES, label="reports as stamped")
+    name_panel(played, "(a) commands", x="", y=COMMAND)
+    name_panel(force, "(b) thrust by the load cell", x="time since the first sample (s)", y="thrust (N)")
+    draw_line(force, run.time_s, run.force_n, color=RECORDED, lw=0.6, label="thrust")
+    for axes in (played, force):
+        axes.set_xlim(float(run.time_s[0]), end_s)
+    played.tick_params(labelbottom=False)
+    hertz, commands, thrust = _spectra(run, settle_s)
+    for place, (what, amplitude, unit) in enumerate((("commands", commands, ""), ("thrust", thrust, " (N)"))):
+        axes = page.add_subplot(grid[3, place])
+        name_panel(axes, f"({'cd'[place]}) spectrum of {what}", x=FREQUENCY, y=f"amplitude{unit}")
+        shown = hertz <= _SHOWN_HARMONICS * run.frequency_rad_s / (2 * np.pi)
+        axes.vlines(hertz[shown], 0, amplitude[shown], color=RECORDED, lw=1.0)
+        axes.set_ylim(bottom=0)
+        axes.axvline(run.frequency_rad_s / (2 * np.pi), color=MODEL, lw=0.8, ls=":")
+    key_row(page.add_subplot(grid[0, :]), *played.get_legend_handles_labels()[0])
+    page.align_ylabels()
+    return page
+
+
+def draw_played(axes: Axes, run: SineRun, *, end_s: float) -> None:
+    """Draw the commands as they were played, up to the end."""
+    time_s = run.sample_s * np.arange(run.sine.samples)
+    shown = time_s <= end_s
+    axes.plot(time_s[shown], run.sine.commands()[shown], color=MODEL, lw=1.0, label="reconstructed commands")
+
+
+def draw_points(size: Axes, phase: Axes, points: SeriesPoints, *, colour: str) -> None:
+    """Draw a series' responses with their intervals, and in grey its phases as stamped, if these differ."""
+    hertz = points.omega_rad_s / (2 * np.pi)
+    how: dict[str, Any] = {"ls": "", "marker": "o", "ms": 3.5, "color": colour, "elinewidth": 0.9, "zorder": 3}
+    spread = (
+        (None, None) if points.interval is None else (1e6 * points.interval[:, 0], np.degrees(points.interval[:, 1]))
+    )
+    size.errorbar(hertz, 1e6 * np.abs(points.value), spread[0], **how)
+    phase.errorbar(hertz, np.degrees(np.angle(points.value)), spread[1], **how, label=points.name)
+    if points.interval is not None:
+        grey: dict[str, Any] = {"ls": "", "marker": "o", "ms": 3.0, "mfc": "none", "color": MUTED}
+        phase.plot(hertz, np.degrees(np.angle(points.stamped)), **grey, label=f"{points.name}, as stamped")
+
+
+def _spectra(run: SineRun, settle_s: float) -> tuple[Array, Array, Array]:
+    """Return frequencies (n,) in Hz and the amplitudes of commands and thrust, without constants (eq. 3.8)."""
+    period_s = 2 * np.pi / run.frequency_rad_s
+    periods = max(int((run.duration_s - settle_s) / period_s), 1)
+    count = min(round(periods * period_s / run.sample_s), run.sine.samples)
+    first = run.sine.samples - count
+    place = np.arange(first, first + count)
+    force = np.interp(place * run.sample_s, run.time_s, run.force_n)
+    amplitudes = [2 * np.abs(np.fft.rfft(own - own.mean())) / count for own in (run.sine.commands()[place], force)]
+    return np.asarray(np.fft.rfftfreq(count, run.sample_s), dtype=np.float64), amplitudes[0], amplitudes[1]
+
+
 def _points(fit: TransferFit) -> list[SeriesPoints]:
     """Return the responses of each series, the phase also without its delay."""
     found = []
     for series in fit.measured:
         omega = np.array([own.frequency_rad_s for own in series.responses])
         value = np.array([own.value for own in series.responses])
-        turned = value * np.exp(1j * omega * fit.delays[series.name].after_quickest_s)
+        turned = value * np.exp(1j * omega * fit.held_delay_s(series.name))
         std = np.array([own.polar_std for own in series.responses])
         found.append(SeriesPoints(series.name, omega, turned, value, COVERAGE_95 * std))
     return found
@@ -179,9 +265,7 @@ def _omegas(there: Array) -> Array:
     return np.geomspace(0.8 * there.min(), 1.2 * there.max(), _CURVE)
 
 
-def _draw_model(
-    size: Axes, phase: Axes, omega: Array, value: npt.NDArray[np.complex128], *, label: str, dashes: str
-) -> None:
+def _draw_model(size: Axes, phase: Axes, omega: Array, value: Complex, *, label: str, dashes: str) -> None:
     colour = MODEL if dashes == "-" else INK
     hertz = omega / (2 * np.pi)
     size.plot(hertz, MICRO * np.abs(value), color=colour, ls=dashes, lw=1.1)
@@ -200,21 +284,14 @@ def _draw_left(left: Axes, turned: Axes, points: SeriesPoints, fit: TransferFit,
         axes.axhline(0.0, color=MODEL, lw=1.0, zorder=1)
 
 
-def _step_std(fit: TransferFit, time_s: Array) -> Array:
-    """Return the standard uncertainty of the step response (n,), by its slopes over gain, lags and lead."""
-    free = [fit.dynamics.static_gain_n, *fit.dynamics.lags_s, *([fit.dynamics.lead_s] if fit.shape == "zero" else [])]
-    lags = len(fit.dynamics.lags_s)
-
-    def at(values: Array) -> Array:
-        lead_s = values[1 + lags] if fit.shape == "zero" else 0.0
-        plant = Dynamics(static_gain_n=values[0], lags_s=tuple(values[1 : 1 + lags]), lead_s=lead_s)
-        return plant.step_response(time_s)
-
-    return std_of(propagated(at, np.array(free), fit.covariance[: len(free), : len(free)]))
+def _step(function: TransferFunction, time_s: Array) -> Array:
+    """Return the force (n,) at times (n,) since a command of 1 began."""
+    last = math.ceil(float(time_s.max()) / function.sample_s) + 1
+    return function.simulate(np.ones(last + 1), time_s)
 
 
 def _fit_rows(fit: TransferFit) -> list[tuple[str, str]]:
-    gain, lag = fit.dynamics.static_gain_n, fit.time_constant_s
+    gain, lag = fit.gain_n, fit.time_constant_s
     delays = [
         (f"delay of {name}", plus_minus(1e3 * own.delay_s, 1e3 * own.std_s, unit="ms after the stamps on average"))
         for name, own in fit.delays.items()
@@ -222,7 +299,7 @@ def _fit_rows(fit: TransferFit) -> list[tuple[str, str]]:
     return [
         (
             "static gain",
-            f"{plus_minus(MICRO * gain, MICRO * fit.std.static_gain_n, unit='µN')} ({' '.join(FIT_ALONE)})",
+            f"{plus_minus(MICRO * gain, MICRO * fit.std[0], unit='µN')} ({' '.join(FIT_ALONE)})",
         ),
         ("time constant", plus_minus(1e3 * lag, 1e3 * fit.time_constant_std_s, unit="ms")),
         *delays,

@@ -16,13 +16,11 @@ import numpy.typing as npt
 from cfid.counted import counted
 from cfid.errors import DataError, FitError
 from cfid.estimate.signals import block_means
-from cfid.transfer.model import Form
-from cfid.transfer.sines.alignment import SineRun
+from cfid.transfer.alignment import SineRun
 
 Array = npt.NDArray[np.float64]
 
 SETTLE_S = 1.0  # N_T of the thesis' first series, in seconds
-
 END_S = 0.1  # of the run's end left out: stamps of commands may be late by as much
 _HARMONICS = 3
 _NEIGHBOURS = 20  # frequencies on either side from which the noise is estimated
@@ -36,12 +34,13 @@ class Response:
 
     `value` refers to the samples u[n]; the hold that turns these into steps is part of the model. An error of the run's
     start rotates `value` and does not change its size: `start_std_s` is the run's own, `shared_s` are those in common
-    with other runs. `harmonics` are the second and third harmonic over the first; `second` is the second with its phase
-    relative to that of the first, so that it does not depend on the start. `mean_n` is the mean thrust.
+    with other runs. `second` is the second harmonic over the first, with its phase relative
+    to that of the first, so that it does not depend on the start. `skew`, with its standard uncertainty, is how much
+    lower the sine's frequency is by the load cell's stamps than by the host's clock, and `since_s` the time from the
+    first stamp of a load cell with its own clock to the middle of the force that was used.
     """
 
     name: str
-    form: Form
     periods: int
     frequency_rad_s: float
     sample_s: float
@@ -49,9 +48,10 @@ class Response:
     covariance: Array
     start_std_s: float
     shared_s: Mapping[str, float]
-    harmonics: tuple[float, ...]
-    mean_n: float
     second: complex = 0j
+    skew: float = 0.0
+    skew_std: float = math.inf
+    since_s: float = 0.0
 
     @property
     def std(self) -> float:
@@ -69,20 +69,16 @@ class Response:
         return float(np.sqrt(along @ self.covariance @ along)), float(np.hypot(phase, turned))
 
 
-def respond(run: SineRun, *, settle_s: float = SETTLE_S, form: Form = "hold") -> Response:
-    """Return the frequency response of a run with l from 1 to below N/2.
-
-    `settle_s` at the start is left out for the transient. "hold" uses every sample of the load cell, "thesis" the force
-    at the instants of u[n]; `model` explains what that means for H(z).
+def respond(run: SineRun, *, settle_s: float = SETTLE_S) -> Response:
+    """Return the frequency response of a run with l from 1 to below N/2, without `settle_s` at its start.
 
     Raises DataError for l = 0, which has no frequency, and FitError when the force is zero or has too few samples.
     """
     if not 0 < 2 * run.sine.periods < run.sine.samples:
         raise DataError(f"{run.name}: l = {run.sine.periods} has no frequency below half of the sampling rate.")
-    time_s, force = _window(run, settle_s, form)
-    omega = run.frequency_rad_s
-    columns = _columns(time_s, omega)
-    if len(force) < 2 * len(columns):
+    begin, end = np.searchsorted(run.time_s, [settle_s, run.duration_s - END_S])
+    time_s, force, omega = run.time_s[begin:end], run.force_n[begin:end], run.frequency_rad_s
+    if len(force) < 2 * (3 + 2 * _HARMONICS):
         raise FitError(
             f"{run.name}: {counted(len(force), 'sample')} of force after {settle_s:g} s: too few for a sine."
         )
@@ -92,16 +88,21 @@ def respond(run: SineRun, *, settle_s: float = SETTLE_S, form: Form = "hold") ->
             f"{run.name}: {rate_hz:.3g} samples of force a second are too few for a sine of "
             f"{omega / (2 * np.pi):.3g} Hz and its harmonics (above {least_hz:.3g})."
         )
+    columns = sine_columns(time_s, omega)
     inverse = np.linalg.inv(columns @ columns.T)
-    found = inverse @ (columns @ force)
-    phasors = found[3::2] - 1j * found[4::2]
+    values = inverse @ (columns @ force)
+    phasors = values[3::2] - 1j * values[4::2]
     if not phasors[0]:
         raise FitError(f"{run.name}: the load cell measured nothing while it was played: is the channel the motor's?")
-    level = _noise_level(time_s, force - found @ columns, omega)
-    drive = _drive(run)
+    residual = force - values @ columns
+    level = _noise_level(time_s, residual, omega)
+    middle_s = float(time_s.mean())
+    # The derivative of the sine with respect to its relative frequency, about the middle, where it moves no phase.
+    turning = -omega * (time_s - middle_s) * (values[3] * columns[4] - values[4] * columns[3])
+    power = float(turning @ turning)
+    drive = drive_of(run)
     return Response(
         name=run.name,
-        form=form,
         periods=run.sine.periods,
         frequency_rad_s=omega,
         sample_s=run.sample_s,
@@ -109,24 +110,14 @@ def respond(run: SineRun, *, settle_s: float = SETTLE_S, form: Form = "hold") ->
         covariance=level / drive**2 * inverse[3:5, 3:5] * [[1, -1], [-1, 1]],
         start_std_s=run.start_std_s,
         shared_s=run.shared_s,
-        harmonics=tuple((np.abs(phasors[1:]) / max(abs(phasors[0]), 1e-300)).tolist()),
-        mean_n=float(force.mean()),
         second=complex(phasors[1] * np.conj(phasors[0]) ** 2 / abs(phasors[0]) ** 3),
+        skew=-float(turning @ residual) / power,
+        skew_std=math.sqrt(level / power),
+        since_s=0.0 if run.first_s is None else middle_s - run.first_s,
     )
 
 
-def _window(run: SineRun, settle_s: float, form: Form) -> tuple[Array, Array]:
-    """Return times and force between the transient and the end."""
-    end_s = run.duration_s - END_S
-    if form == "thesis":
-        first, last = math.ceil(settle_s / run.sample_s), int(end_s / run.sample_s)
-        grid = np.arange(first, last + 1) * np.float64(run.sample_s)
-        return grid, np.asarray(np.interp(grid, run.time_s, run.force_n))
-    begin, end = np.searchsorted(run.time_s, [settle_s, end_s])
-    return run.time_s[begin:end], run.force_n[begin:end]
-
-
-def _columns(time_s: Array, omega: float) -> Array:
+def sine_columns(time_s: Array, omega: float) -> Array:
     """Return constant, linear and quadratic drift, then cosine and sine of each harmonic (9, n)."""
     wave = np.exp(1j * omega * time_s)
     columns = np.empty((3 + 2 * _HARMONICS, len(time_s)))
@@ -140,7 +131,7 @@ def _columns(time_s: Array, omega: float) -> Array:
     return columns
 
 
-def _drive(run: SineRun) -> float:
+def drive_of(run: SineRun) -> float:
     """Return the amplitude of the samples played, whose phase is 0; that of a clipped sine is less than A."""
     samples = np.arange(run.sine.samples)
     angle = 2 * np.pi * (run.sine.periods * samples % run.sine.samples) / run.sine.samples
@@ -154,23 +145,19 @@ def _noise_level(time_s: Array, residual: Array, omega: float) -> float:
     """
     span_s = float(time_s[-1] - time_s[0])
     width = 2 * np.pi / span_s
-    tried = _neighbours(omega / width)
+    place = omega / width
+    fitted = place * np.arange(_HARMONICS + 1)
+    first = max(1.5 - _NEIGHBOURS, math.ceil(_CLEAR - place - 0.5) + 0.5)
+    tried = place + first + np.arange(2 * _NEIGHBOURS + 8 * len(fitted))
+    tried = tried[(np.abs(tried[:, None] - fitted) >= _CLEAR).all(axis=1)][: 2 * _NEIGHBOURS]
     block = max(int(len(residual) / (span_s * _SPECTRUM_HZ)), 1)
-    middle_s, sums = (block_means(values, length=block) for values in (time_s - time_s[0], residual))
-    wave, turn = sums * np.exp(-1j * tried[0] * width * middle_s), np.exp(-1j * width * middle_s)
+    middle_s, means = (block_means(values, length=block) for values in (time_s - time_s[0], residual))
+    # Neighbours are whole bins apart, so each wave is the one before, turned by whole bins.
+    wave, turn = means * np.exp(-1j * tried[0] * width * middle_s), np.exp(-1j * width * middle_s)
     powers = [abs(wave.sum()) ** 2]
-    for steps in np.diff(tried):
-        wave = wave * turn**steps if steps > 1 else wave * turn
+    for steps in np.rint(np.diff(tried)).astype(int):
+        wave = wave * turn if steps == 1 else wave * turn**steps
         powers.append(abs(wave.sum()) ** 2)
     # The variance comes from few values and is uncertain itself: sums of squares over it are too large on average.
     unsure = len(powers) / (len(powers) - 1)
     return float(np.mean(powers)) * block**2 / len(residual) * unsure
-
-
-def _neighbours(place: float) -> Array:
-    """Return frequencies in units of 1/T on both sides of `place`, where possible, and away from the fitted ones."""
-    fitted = place * np.arange(_HARMONICS + 1)
-    first = max(1.5 - _NEIGHBOURS, math.ceil(_CLEAR - place - 0.5) + 0.5)
-    tried = place + first + np.arange(2 * _NEIGHBOURS + 8 * len(fitted))
-    clear = (np.abs(tried[:, None] - fitted) >= _CLEAR).all(axis=1)
-    return np.asarray(tried[clear][: 2 * _NEIGHBOURS])

@@ -1,165 +1,159 @@
-"""Model gain, lags and lead of a motor with rotor, as frequency response, coefficients and time series.
+"""A transfer function from command to thrust: its coefficients, what follows from them, and its simulation.
 
-There are two forms. "hold" is the plant K (1 + s lead)/(1 + s lag)... behind a zero-order hold: a command takes effect
-from its sample on, so H(z) = b1 z^-1/(1 - a1 z^-1). "thesis" is eq. 3.10 as eq. 3.15 uses it, b0/(1 - a1 z^-1): the
-force at a sample includes the effect of that sample's command, so for the same plant its delay is longer by one sample.
-Gain and lags are the same.
+There are two forms. In form "hold" a command takes effect from its sample on, so H(z) = b1 z^-1/(1 - a1 z^-1) for a
+plant K/(1 + s lag) behind a zero-order hold. In form "thesis" (eq. 3.10, as eq. 3.15 uses it) the force at a sample
+includes the effect of that sample's command: the same H(z) without its factor z^-1, and a delay longer by a sample.
+Gain and lags are the same. A plant with a lead responds at once and is the same in both forms.
 """
 
 import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
+from cfid.errors import ConfigError, DataError
 from cfid.lazy import later
-from cfid.transfer.sines.alignment import held
-from cfid.transfer.sines.plan import SAMPLE_S
+from cfid.records.parameters import Parameter
+from cfid.transfer.plan import SAMPLE_S
 
-_lfilter = later("scipy.signal", "lfilter")  # importing scipy.signal takes as long as a fit
+_cont2discrete = later("scipy.signal", "cont2discrete")  # importing scipy.signal takes as long as a fit
+_lfilter = later("scipy.signal", "lfilter")
 
 Array = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
 Form = Literal["hold", "thesis"]
 
-_ALIKE = 1e-4  # lags closer than this are moved apart, with the same sum of exponentials
-
-
-@dataclass(frozen=True, kw_only=True)
-class Dynamics:
-    """Static gain in N per unit of the command, one or two lags, and a lead, 0 for none."""
-
-    static_gain_n: float
-    lags_s: tuple[float, ...]
-    lead_s: float = 0.0
-
-    @classmethod
-    def of_coefficients(cls, b0: float, a1: float, *, sample_s: float = SAMPLE_S) -> "Dynamics":
-        """Return the dynamics of b0/(1 - a1 z^-1), in either form."""
-        return cls(static_gain_n=static_gain(b0, a1), lags_s=(time_constant_s(a1, sample_s=sample_s),))
-
-    def response(self, omega_rad_s: Array, *, sample_s: float = SAMPLE_S, form: Form = "hold") -> Complex:
-        """Return force over samples u[n] at frequencies (n,), without delay.
-
-        In form "hold" it is the response of the force itself at any instant, with the hold's attenuation by sinc; in
-        form "thesis" it is that of the force at the samples.
-        """
-        if form == "hold":
-            laplace = 1j * omega_rad_s
-            half = omega_rad_s * sample_s / 2
-            plant = self.static_gain_n * (1 + laplace * self.lead_s) * np.sinc(half / np.pi) * np.exp(-1j * half)
-            for lag_s in self.lags_s:
-                plant = plant / (1 + laplace * lag_s)
-            return np.asarray(plant)
-        numerator, denominator = self.coefficients(sample_s=sample_s, form=form)
-        return evaluate(numerator, denominator, omega_rad_s * sample_s)
-
-    def coefficients(self, *, sample_s: float = SAMPLE_S, form: Form = "hold") -> tuple[Array, Array]:
-        """Return numerator and denominator in rising powers of z^-1, the denominator with its leading 1."""
-        poles = np.exp(-sample_s / np.array(self._apart()))
-        denominator = np.ones(1)
-        for pole in poles:
-            denominator = np.convolve(denominator, [1.0, -pole])
-        if form == "thesis":
-            lead = self.lead_s / sample_s
-            numerator = self.static_gain_n * np.prod(1 - poles) * np.array([1 + lead, -lead])
-            return (numerator if lead else numerator[:1]), denominator
-        direct, parts = self._parts()
-        numerator = direct * denominator
-        for place, (part, pole) in enumerate(zip(parts, poles, strict=True)):
-            others = np.ones(1)
-            for other in np.delete(poles, place):
-                others = np.convolve(others, [1.0, -other])
-            numerator[1:] += part * (1 - pole) * others
-        return numerator, denominator
-
-    def step_response(self, time_s: Array) -> Array:
-        """Return the force (n,) in N per unit of the command at times (n,) since a step."""
-        direct, parts = self._parts()
-        after = np.maximum(time_s, 0.0)
-        rising = sum(part * -np.expm1(-after / lag_s) for part, lag_s in zip(parts, self._apart(), strict=True))
-        return np.asarray((direct + rising) * (time_s >= 0))
-
-    def simulate(self, commands: Array, time_s: Array, *, sample_s: float = SAMPLE_S, form: Form = "hold") -> Array:
-        """Return the exact force (n,) at times (n,) since sample 0, starting from rest; commands (N,) are held.
-
-        In form "thesis" the plant is the same and responds to each command one sample earlier.
-        """
-        since_s = time_s if form == "hold" else time_s + sample_s
-        level = held(commands, since_s, sample_s=sample_s)
-        place = np.clip(np.floor(since_s / sample_s + 1e-9), 0, len(commands)).astype(np.intp)
-        elapsed_s = np.maximum(since_s - place * sample_s, 0.0)
-        direct, parts = self._parts()
-        force = direct * level
-        for part, lag_s in zip(parts, self._apart(), strict=True):
-            begun = _states(commands, math.exp(-sample_s / lag_s))[place]
-            force += part * (level + (begun - level) * np.exp(-elapsed_s / lag_s))
-        return np.asarray(force)
-
-    def _apart(self) -> tuple[float, ...]:
-        if len(self.lags_s) > 1 and abs(self.lags_s[0] / self.lags_s[1] - 1) < _ALIKE:
-            middle_s = (self.lags_s[0] + self.lags_s[1]) / 2
-            return middle_s * (1 + _ALIKE / 2), middle_s * (1 - _ALIKE / 2)
-        return self.lags_s
-
-    def _parts(self) -> tuple[float, list[float]]:
-        """Split the plant into a direct part and one first-order part for each lag."""
-        lags = self._apart()
-        parts = []
-        for place, lag_s in enumerate(lags):
-            others = [1 - other / lag_s for at, other in enumerate(lags) if at != place]
-            parts.append(self.static_gain_n * (1 - self.lead_s / lag_s) / math.prod(others))
-        direct = self.static_gain_n * self.lead_s / lags[0] if len(lags) == 1 else 0.0
-        return direct, parts
+_LONGEST_S = 10.0  # the largest delay, of either sign
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class DifferenceEquation:
-    """Any H(z) of eq. 3.10 by its coefficients in rising powers of z^-1, the denominator with its leading 1.
+class TransferFunction:
+    """H(z) by its coefficients in rising powers of z^-1, the denominator with its leading 1, and its delay in s.
 
-    It gives the force at the samples, in either form; between samples, the force is interpolated linearly.
+    `delay_s` counts from the average report of a command, `after_quickest_s` from the fastest, where that is known.
+    `delay_std_s` is the standard uncertainty of the delay in use.
     """
 
     numerator: Array
     denominator: Array
+    sample_s: float = SAMPLE_S
+    delay_s: float = 0.0
+    delay_std_s: float = 0.0
+    after_quickest_s: float | None = None
 
-    def response(self, omega_rad_s: Array, *, sample_s: float = SAMPLE_S, form: Form = "thesis") -> Complex:
-        """Return force at the samples over samples u[n] at frequencies (n,), in either form."""
-        return evaluate(self.numerator, self.denominator, omega_rad_s * sample_s)
+    @classmethod
+    def of_lags(
+        cls,
+        gain_n: float,
+        lags_s: Iterable[float],
+        *,
+        lead_s: float = 0.0,
+        sample_s: float = SAMPLE_S,
+        form: Form = "hold",
+    ) -> "TransferFunction":
+        """Return K (1 + s lead)/((1 + s lag) ...) behind a zero-order hold."""
+        lagging = np.ones(1)
+        for lag_s in lags_s:
+            lagging = np.convolve(lagging, [lag_s, 1.0])
+        numerator, denominator, _ = _cont2discrete(([lead_s, 1.0] if lead_s else [1.0], lagging), sample_s, "zoh")
+        numerator = gain_n * np.ravel(numerator)
+        at_once = form == "thesis" and not lead_s
+        return cls(numerator=numerator[1:] if at_once else numerator, denominator=denominator, sample_s=sample_s)
 
-    def simulate(self, commands: Array, time_s: Array, *, sample_s: float = SAMPLE_S, form: Form = "thesis") -> Array:
-        """Return the force (n,) at times (n,) since sample 0, starting from rest; commands (N,) are followed by 0."""
-        last = max(len(commands), math.ceil(float(time_s.max()) / sample_s)) + 1
+    @classmethod
+    def of_coefficients(
+        cls, numerator: Sequence[float], denominator: Sequence[float], *, delay_s: float = 0.0
+    ) -> "TransferFunction":
+        """Return H(z) from coefficients of z^0, z^-1, ... Raises ConfigError for coefficients that no motor has."""
+        if not len(denominator) or denominator[0] != 1:
+            raise ConfigError(f"denominator {_text(denominator)}: should begin with its leading 1.")
+        if not any(numerator):
+            raise ConfigError(f"numerator {_text(numerator)}: gives no thrust at any command: one should not be zero.")
+        if not np.all(np.isfinite([*numerator, *denominator])):
+            raise ConfigError(f"coefficients {_text([*numerator, *denominator])}: should be finite numbers.")
+        if np.max(np.abs(np.roots(denominator)), initial=0.0) >= 1:
+            raise ConfigError(f"denominator {_text(denominator)}: never settles, which no motor does: is a sign wrong?")
+        if not abs(delay_s) <= _LONGEST_S:
+            raise ConfigError(f"delay_s {delay_s:g}: should be from {-_LONGEST_S:g} to {_LONGEST_S:g} s.")
+        return cls(numerator=np.array(numerator), denominator=np.array(denominator), delay_s=delay_s)
+
+    @classmethod
+    def of_quantities(cls, quantities: Mapping[str, Parameter], *, delay_s: float | None = None) -> "TransferFunction":
+        """Return the identified function, with its own delay or `delay_s` instead.
+
+        Raises DataError for a missing quantity, and for coefficients that no motor has.
+        """
+        try:
+            numerator, denominator, average = (
+                quantities[f"tf.{key}"] for key in ("numerator", "denominator", "delay_s")
+            )
+        except KeyError as error:
+            raise DataError(f"there is no {error.args[0]}: identify the transfer function again.") from None
+        quickest = quantities.get("tf.delay_after_quickest_s")
+        average_s = math.nan if average.value is None else average.value
+        try:
+            function = cls.of_coefficients(
+                numerator.value, denominator.value, delay_s=average_s if delay_s is None else delay_s
+            )
+        except ConfigError as error:
+            raise DataError(f"{error} Identify the transfer function again.") from None
+        if delay_s is not None:
+            return function
+        return cls(
+            numerator=function.numerator,
+            denominator=function.denominator,
+            delay_s=average_s,
+            delay_std_s=(average if quickest is None else quickest).std or 0.0,
+            after_quickest_s=None if quickest is None else quickest.value,
+        )
+
+    @property
+    def static_gain_n(self) -> float:
+        """The force over a constant command."""
+        return float(self.numerator.sum() / self.denominator.sum())
+
+    @property
+    def time_constant_s(self) -> float | None:
+        """The time constant of the slowest pole; None where that pole is no decay."""
+        pole = float(np.max(np.abs(np.roots(self.denominator)), initial=0.0))
+        return -self.sample_s / math.log(pole) if 0 < pole < 1 else None
+
+    def response(self, omega_rad_s: Array) -> Complex:
+        """Return force at the samples over samples u[n] (eq. 3.11) at frequencies (n,), without delay."""
+        delayed = np.exp(-1j * omega_rad_s * self.sample_s)
+        over, under = (np.polynomial.polynomial.polyval(delayed, own) for own in (self.numerator, self.denominator))
+        return np.asarray(over / under)
+
+    def simulate(self, commands: Array, time_s: Array) -> Array:
+        """Return the force (n,) at times (n,) since sample 0, from rest; commands (N,) are followed by 0.
+
+        Between samples, the force is interpolated linearly.
+        """
+        last = max(len(commands), math.ceil(float(time_s.max()) / self.sample_s)) + 1
         force = _lfilter(self.numerator, self.denominator, np.append(commands, np.zeros(last - len(commands))))
-        return np.asarray(np.interp(time_s, sample_s * np.arange(-1, last), np.append(0.0, force)))
+        return np.asarray(np.interp(time_s, self.sample_s * np.arange(-1, last), np.append(0.0, force)))
+
+    @property
+    def text(self) -> str:
+        """H(z) in rising powers of z^-1."""
+        return f"({_polynomial(self.numerator)}) / ({_polynomial(self.denominator)})"
 
 
-def static_gain(b0: float, a1: float) -> float:
-    """Return the static gain of b0/(1 - a1 z^-1), in units of b0."""
-    return b0 / (1 - a1)
+def _polynomial(coefficients: Array) -> str:
+    terms = [
+        f"{value:+.7g}" + (f" z^-{power}" if power else "")
+        for power, value in enumerate(coefficients.tolist())
+        if value != 0
+    ]
+    return " ".join(terms).removeprefix("+").replace(" +", " + ").replace(" -", " - ") or "0"
 
 
-def time_constant_s(a1: float, *, sample_s: float = SAMPLE_S) -> float:
-    """Return the continuous time constant whose decay over a sample is a1."""
-    return -sample_s / math.log(a1)
+def _text(coefficients: Sequence[float]) -> str:
+    return ",".join(f"{value:g}" for value in coefficients)
 
 
-def evaluate(numerator: Array, denominator: Array, omega_rad: Array) -> Complex:
-    """Return H of eq. 3.11 at frequencies (n,) in rad per sample, coefficients in rising powers of z^-1."""
-    delayed = np.exp(-1j * omega_rad)
-    over, under = (np.polynomial.polynomial.polyval(delayed, part) for part in (numerator, denominator))
-    return np.asarray(over / under)
-
-
-def _states(commands: Array, decay: float) -> Array:
-    """Return the state of a lag at each sample and at the end (N + 1,)."""
-    state, states = 0.0, [0.0]
-    for command in commands.tolist():
-        state = command + (state - command) * decay
-        states.append(state)
-    return np.array(states)
-
-
-EQ_3_15 = Dynamics.of_coefficients(6.0705967e-8, 0.9745210)
-EQ_3_16 = Dynamics.of_coefficients(7.2345374e-8, 0.9695404)
+EQ_3_15 = TransferFunction(numerator=np.array([6.0705967e-8]), denominator=np.array([1, -0.9745210]))
+EQ_3_16 = TransferFunction(numerator=np.array([7.2345374e-8]), denominator=np.array([1, -0.9695404]))

@@ -1,38 +1,44 @@
-"""Convert sine runs to the result of `cfid tf identify`: quantities, findings and printed lines."""
+"""Convert sine runs to the results of `cfid tf identify` and `cfid tf verify`: quantities, findings, printed lines."""
 
 from cmath import phase
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from math import hypot
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from cfid.errors import CfidError
+from cfid.errors import CfidError, DataError
 from cfid.estimate.common_causes import arm_scales, force_scales, power_law, with_common_causes
 from cfid.findings import Finding, note, rejection, warning
-from cfid.records.covariances import Covariance, covariance_between
+from cfid.records.covariances import covariance_between
 from cfid.records.parameters import Parameter
 from cfid.records.result import Dependent, Figures, Result
 from cfid.records.run import Run
-from cfid.transfer.comparison import Comparison, GainAndLag, Published, compared
-from cfid.transfer.estimation import Delay, TransferFit
+from cfid.transfer.alignment import Sign, SineRun, align, with_end
+from cfid.transfer.data import SineSet, read_sines
+from cfid.transfer.estimation import Identified, Shape, TransferFit, identify
 from cfid.transfer.frequency_response import SETTLE_S
-from cfid.transfer.identification import Identified, identify_all
-from cfid.transfer.likelihood import Shape
-from cfid.transfer.model import Form
-from cfid.transfer.sines.alignment import Sign
-from cfid.transfer.sines.data import SineSet, read_sines
-from cfid.transfer.sines.plan import CUTOFF_HZ, SAMPLE_S
-from cfid.transfer.summary import convention_lines, fit_lines
+from cfid.transfer.model import EQ_3_15, EQ_3_16, Form, TransferFunction
+from cfid.transfer.plan import CUTOFF_HZ, SAMPLE_S
 from cfid.transfer.thesis import ThesisFit, ThesisFits, ThesisSettings, fit_all, settings_of
+from cfid.transfer.verification import Verification, verify_run
 from cfid.units import COVERAGE_95
 
 Quantities = dict[str, Parameter]
+Published = Literal["eq3.15", "eq3.16"]
 
 SECTION = "tf"
 
 _WANTED = ("tf.numerator", "tf.denominator", "tf.static_gain_n", "tf.time_constant_s", "tf.delay_s")
+_GAIN, _LAG = "tf.static_gain_n", "tf.time_constant_s"
+_LARGEST_OFF_SLOPE = 0.1  # of the thrust map's slope: the largest difference of a static gain without a warning
+_FORMS = {
+    "hold": "each command is held for a sample and takes effect from then on, hence the numerator's z^-1",
+    "thesis": "as (3.15): the force at a sample includes the effect of that sample's command, hence no z^-1, and a "
+    "sample more delay",
+}
 
 
 def fit(
@@ -48,7 +54,7 @@ def fit(
     compare: Published | None = None,
     method: Literal["default", "thesis"] = "default",
 ) -> Result:
-    """Return the transfer function from command to thrust, of all series together and of each by itself.
+    """Return the transfer function from command to thrust, of all series together and of each of several by itself.
 
     Runs are those of `cfid log sine`; use `read_sines` for files, and for channels other than the motor's own arm.
     `settle_s` at the start of each run and sines above `cutoff_hz` are left out; `settings` gives the constants of
@@ -59,17 +65,168 @@ def fit(
     sines = runs if isinstance(runs, SineSet) else read_sines(runs)
     command = sines.runs[0].sine.middle
     slope_n = None if thrust_poly is None else float(np.polyval(np.polyder(np.array(thrust_poly)), command))
-    comparison = Comparison(slope_n, command, compare)
+    beside = _Beside(slope_n, command, compare)
     if method == "thesis":
-        return replace(_of_thesis(fit_all(sines.series, settings, sign=sign), sines, comparison), facts=_facts(sines))
-    found = identify_all(sines.series, shape=shape, form=form, settle_s=settle_s, cutoff_hz=cutoff_hz, sign=sign)
+        return _of_thesis(fit_all(sines.series, settings, sign=sign), sines, beside)
+    found = identify(sines.series, shape=shape, form=form, settle_s=settle_s, cutoff_hz=cutoff_hz, sign=sign)
     try:
         thesis: ThesisFit | str = fit_all(sines.series, settings, sign=sign).joint
     except CfidError as error:
         thesis = str(error)
-    result = replace(_of_fit(found, thesis, sines, comparison, settle_s=settle_s), facts=_facts(sines))
+    result = _of_fit(found, thesis, sines, beside, settle_s=settle_s)
     scales = (force_scales if sines.channel == "Fz" else arm_scales)(sines.rigs)
     return with_common_causes(result, power_law(result.quantities, {"N": scales}, {"tf*.static_gain_n": {"N": 1}}))
+
+
+class _Beside(NamedTuple):
+    """What a result is compared with: the thrust map's slope in N at the middle command, a function of the thesis."""
+
+    slope_n: float | None
+    command: float
+    published: Published | None
+
+    def merits(self, gain_n: float) -> dict[str, Any]:
+        merits: dict[str, Any] = {"thrust_map_slope_n": self.slope_n, "compared": {}}
+        if self.slope_n is not None:
+            merits["static_gain_off_slope"] = Dependent(gain_n / self.slope_n - 1, _GAIN)
+        if self.published is not None:
+            function = _PUBLISHED[self.published]
+            merits["compared"][self.published] = {
+                "static_gain_n": function.static_gain_n,
+                "time_constant_s": function.time_constant_s,
+            }
+        return merits
+
+    def findings(self, gain_n: float) -> tuple[Finding, ...]:
+        off = 0.0 if self.slope_n is None else gain_n / self.slope_n - 1
+        if abs(off) <= _LARGEST_OFF_SLOPE:
+            return ()
+        text = (
+            f"the static gain is {100 * off:+.0f} % off the thrust map's slope (limit {100 * _LARGEST_OFF_SLOPE:.0f} "
+            "%): are channel, arm and yaw those of the rig, and is the battery as full as for the map?"
+        )
+        return (warning("gain-off-map-slope", text, _GAIN),)
+
+    def lines(self, ours: TransferFunction) -> list[Dependent]:
+        lines = []
+        if self.slope_n is not None:
+            off = 100 * (ours.static_gain_n / self.slope_n - 1)
+            slope = f"slope of the thrust map at {self.command:.0f}: {self.slope_n:.4g} N"
+            lines.append(Dependent(f"{slope}; the static gain is {off:+.2f} % off", _GAIN))
+        if self.published is not None:
+            name = f"({self.published.removeprefix('eq')}) of the thesis"
+            lines.append(compared(name, _PUBLISHED[self.published], ours))
+        return lines
+
+
+_PUBLISHED = {"eq3.15": EQ_3_15, "eq3.16": EQ_3_16}
+
+
+def compared(name: str, other: TransferFunction, ours: TransferFunction) -> Dependent:
+    """Return a line with gain and time constant of another function, each with its difference from ours."""
+    off = 100 * (other.static_gain_n / ours.static_gain_n - 1)
+    line = f"{name}: static gain {other.static_gain_n:.4g} N ({off:+.1f} %)"
+    if other.time_constant_s is None or ours.time_constant_s is None:
+        line += ", no decay that makes a time constant"
+    else:
+        off = 100 * (other.time_constant_s / ours.time_constant_s - 1)
+        line += f", time constant {1e3 * other.time_constant_s:.2f} ms ({off:+.1f} %)"
+    return Dependent(line, _GAIN, _LAG)
+
+
+def _of_fit(found: Identified, thesis: ThesisFit | str, sines: SineSet, beside: _Beside, *, settle_s: float) -> Result:
+    fit, gain_n = found.fit, found.fit.gain_n
+    joint = _quantities("tf", fit)
+    if fit.shape == "second":
+        joint["tf.lags_s"] = Parameter(value=fit.lags_s.tolist(), std=fit.std[1:3].tolist())
+    if fit.shape == "zero":
+        joint["tf.lead_s"] = Parameter(value=float(fit.values[2]), std=float(fit.std[2]))
+    each = {name: _quantities(f"tf.series.{name}", fit) for name, fit in found.each.items()}
+    rows = [
+        _row(series.name, response.periods, response.frequency_rad_s, response.value, response.std)
+        for series in fit.measured
+        for response in series.responses
+    ]
+    of_thesis = None if isinstance(thesis, str) else thesis
+    values = {key: joint[key].value for key in (*_WANTED[:3], _LAG, _WANTED[4])}
+    covariance = fit.joint.copy()
+    covariance[-1, -1] = fit.mean_delay.std_s**2  # including that of the mean delay of stamps
+    return Result(
+        command="tf identify",
+        section=SECTION,
+        method="default",
+        quantities={
+            **joint,
+            "tf.sample_time_s": Parameter(value=fit.function.sample_s),
+            **{key: quantity for quantities in each.values() for key, quantity in quantities.items()},
+            "tf.frequency_response": Parameter(value=rows),
+        },
+        wanted=_WANTED,
+        facts=_facts(sines),
+        covariances=covariance_between(values, covariance),
+        merits={
+            **_merits(found),
+            "thesis": None if of_thesis is None else _thesis_merits(of_thesis, "tf"),
+            **beside.merits(gain_n),
+        },
+        findings=(*sines.findings, *found.findings, *_findings(found, joint, each), *beside.findings(gain_n)),
+        sources=sines.sources,
+        lines=(
+            *_lines(found),
+            f"thesis method: no result: {thesis}"
+            if isinstance(thesis, str)
+            else compared("thesis method, latency left out", thesis.function, fit.function),
+            *beside.lines(fit.function),
+        ),
+        drawings=lambda: _fit_figures(found, of_thesis, settle_s),
+    )
+
+
+def _of_thesis(found: ThesisFits, sines: SineSet, beside: _Beside) -> Result:
+    fit, function = found.joint, found.joint.function
+    joint = _thesis_quantities("tf", fit)
+    several = found.each if len(found.each) > 1 else {}
+    each = {name: _thesis_quantities(f"tf.series.{name}", fit) for name, fit in several.items()}
+    rows = [
+        _row(name, response.periods, response.omega_rad / SAMPLE_S, response.value, None)
+        for name, fit in found.each.items()
+        for response in fit.responses
+    ]
+    return Result(
+        command="tf identify",
+        section=SECTION,
+        method="thesis",
+        quantities={
+            **joint,
+            "tf.sample_time_s": Parameter(value=SAMPLE_S),
+            **{key: quantity for quantities in each.values() for key, quantity in quantities.items()},
+            "tf.frequency_response": Parameter(value=rows),
+        },
+        wanted=_WANTED,
+        facts=_facts(sines),
+        merits={
+            "form": "thesis",
+            "frequencies": len(fit.responses),
+            "series": {
+                name: _thesis_merits(fit, f"tf.series.{name}" if several else "tf") for name, fit in found.each.items()
+            },
+            **beside.merits(function.static_gain_n),
+        },
+        findings=(
+            *sines.findings,
+            *fit.findings,
+            *fit.rejections(tuple(joint)),
+            *(rejected for name, fit in several.items() for rejected in fit.rejections(tuple(each[name]))),
+            *beside.findings(function.static_gain_n),
+        ),
+        sources=sines.sources,
+        lines=(
+            *_convention(function, "thesis"),
+            "latencies of radio and load cell are left out, as in the thesis: the time constant is biased by them",
+            *beside.lines(function),
+        ),
+        drawings=lambda: _thesis_figures(found),
+    )
 
 
 def _facts(sines: SineSet) -> dict[str, float]:
@@ -78,168 +235,69 @@ def _facts(sines: SineSet) -> dict[str, float]:
     return {"loadcell.arm_mm": arms.pop()} if len(arms) == 1 and sines.channel != "Fz" else {}
 
 
-def _of_fit(
-    found: Identified, thesis: ThesisFit | str, sines: SineSet, comparison: Comparison, *, settle_s: float
-) -> Result:
-    fit = found.fit
-    ours = GainAndLag(fit.dynamics.static_gain_n, fit.time_constant_s)
-    of_thesis = None if isinstance(thesis, str) else thesis
-    joint = _function("tf", fit)
-    each = {name: _function(f"tf.series.{name}", own) for name, own in found.each.items()}
-    rows = [
-        {"series": series.name, **_row(own.periods, own.frequency_rad_s, own.value), "std": own.std}
-        for series in fit.measured
-        for own in series.responses
-    ]
-    return Result(
-        command="tf identify",
-        section=SECTION,
-        method="default",
-        quantities={
-            **joint,
-            "tf.sample_time_s": Parameter(value=fit.sample_s),
-            **{key: quantity for own in each.values() for key, quantity in own.items()},
-            "tf.frequency_response": Parameter(value=rows),
-        },
-        wanted=_WANTED,
-        covariances=_covariances(fit),
-        merits={
-            **_merits(found),
-            "thesis": None if of_thesis is None else _thesis_merits(of_thesis, "tf"),
-            **comparison.merits(ours),
-        },
-        findings=(*sines.findings, *found.findings, *_findings(found, joint, each), *comparison.findings(ours)),
-        sources=sines.sources,
-        lines=(
-            *fit_lines(found),
-            *_thesis_lines(thesis, ours),
-            *comparison.lines(ours),
-        ),
-        drawings=lambda: _fit_figures(found, of_thesis, settle_s),
-    )
-
-
 def _findings(found: Identified, joint: Quantities, each: Mapping[str, Quantities]) -> list[Finding]:
-    """Return findings against the joint function and that of each series; a single series is both."""
-    if len(found.each) == 1:
-        (alone,) = each.values()
-        findings = [*found.fit.findings((*joint, *alone))]
-    else:
-        findings = [
-            *found.fit.findings(tuple(joint)),
-            *(
-                finding.at(f"{name} for itself")
-                for name, fit in found.each.items()
-                for finding in fit.findings(tuple(each[name]))
-            ),
-        ]
-    if len(found.each) > 1 and not found.fit.accepted and all(fit.accepted for fit in found.each.values()):
+    """Return findings against the joint function and that of each series."""
+    findings = [
+        *found.fit.findings(tuple(joint)),
+        *(
+            finding.at(f"{name} for itself")
+            for name, fit in found.each.items()
+            for finding in fit.findings(tuple(each[name]))
+        ),
+    ]
+    if found.each and not found.fit.accepted and all(fit.accepted for fit in found.each.values()):
         text = "each series has a transfer function, but not the same: identify them one by one."
         findings.append(rejection("series-differ", text, *joint))
-    if found.fit.dynamics.static_gain_n <= 0:
+    if found.fit.gain_n <= 0:
         text = "the static gain is negative: thrust falls where the command rises. Is the sign that of the channel?"
-        findings.append(warning("static-gain-negative", text, "tf.static_gain_n"))
-    return findings + _negative_delay(found.fit.mean_delay)
+        findings.append(warning("static-gain-negative", text, _GAIN))
+    return findings
 
 
-def _negative_delay(delay: Delay) -> list[Finding]:
-    """Return a note where the force precedes its command as stamped, beyond what noise explains."""
-    if delay.delay_s >= -COVERAGE_95 * delay.std_s:
-        return []
-    text = (
-        f"the force comes {-1e3 * delay.delay_s:.2f} +- {1e3 * delay.std_s:.2g} ms before its command as stamped: "
-        "reports of commands arrive by radio, later than these act. It belongs to the link, not to the motor: where "
-        "the radio's shortest latency wanders, within a minute or so, this delay does so too, by more than its "
-        "uncertainty."
-    )
-    return [note("transfer-delay-negative", text, "tf.delay_s")]
-
-
-def _of_thesis(found: ThesisFits, sines: SineSet, comparison: Comparison) -> Result:
-    fit = found.joint
-    ours = GainAndLag(fit.static_gain_n, fit.time_constant_s)
-    joint = _thesis_function("tf", fit)
-    each = {name: _thesis_function(f"tf.series.{name}", own) for name, own in found.each.items()}
-    rows = [
-        {"series": name, **_row(own.periods, own.omega_rad / SAMPLE_S, own.value), "std": None}
-        for name, fitted in found.each.items()
-        for own in fitted.responses
-    ]
-    if len(each) == 1:
-        rejections = fit.rejections((*joint, *next(iter(each.values()))))
-    else:
-        apart = (one for name, own in found.each.items() for one in own.rejections(tuple(each[name])))
-        rejections = (*fit.rejections(tuple(joint)), *apart)
-    lines: tuple[str | Dependent, ...] = (
-        *convention_lines(fit.numerator, fit.denominator, form="thesis", sample_s=SAMPLE_S),
-        "latencies of radio and load cell are left out, as in the thesis: the time constant is biased by them",
-        *comparison.lines(ours),
-    )
-    return Result(
-        command="tf identify",
-        section=SECTION,
-        method="thesis",
-        quantities={
-            **joint,
-            "tf.sample_time_s": Parameter(value=SAMPLE_S),
-            **{key: quantity for own in each.values() for key, quantity in own.items()},
-            "tf.frequency_response": Parameter(value=rows),
-        },
-        wanted=_WANTED,
-        merits={
-            "form": "thesis",
-            "frequencies": len(fit.responses),
-            "series": {name: _thesis_merits(own, f"tf.series.{name}") for name, own in found.each.items()},
-            **comparison.merits(ours),
-        },
-        findings=(*sines.findings, *fit.findings, *rejections, *comparison.findings(ours)),
-        sources=sines.sources,
-        lines=lines,
-        drawings=lambda: _thesis_figures(found),
-    )
-
-
-def _function(key: str, fit: TransferFit) -> Quantities:
+def _quantities(key: str, fit: TransferFit) -> Quantities:
     """Return a transfer function's quantities; for several series, the mean of their delays."""
-    std, delay = fit.std, fit.mean_delay
-    found = {
-        "numerator": Parameter(value=fit.numerator.tolist(), std=std.numerator.tolist()),
-        "denominator": Parameter(value=fit.denominator.tolist(), std=std.denominator.tolist()),
-        "time_constant_s": Parameter(value=fit.time_constant_s, std=fit.time_constant_std_s),
-        "static_gain_n": Parameter(value=fit.dynamics.static_gain_n, std=std.static_gain_n),
-        "delay_s": Parameter(value=delay.delay_s, std=delay.std_s),
-        "delay_after_quickest_s": Parameter(value=delay.after_quickest_s, std=delay.after_quickest_std_s),
-    }
-    if key == "tf" and len(fit.dynamics.lags_s) > 1:
-        found["lags_s"] = Parameter(value=list(fit.dynamics.lags_s), std=list(std.lags_s))
-    if key == "tf" and fit.shape == "zero":
-        found["lead_s"] = Parameter(value=fit.dynamics.lead_s, std=std.lead_s)
-    return {f"{key}.{name}": quantity for name, quantity in found.items()}
-
-
-def _thesis_function(key: str, fit: ThesisFit) -> Quantities:
-    """Return the quantities by the thesis method, which has no uncertainties and assumes a delay of zero."""
+    delay, function = fit.mean_delay, fit.function
+    spread = np.sqrt(np.maximum(np.diag(fit.joint), 0.0))
+    numerator, denominator = np.split(spread[:-3], [len(function.numerator)])
     return {
-        f"{key}.numerator": Parameter(value=fit.numerator.tolist()),
-        f"{key}.denominator": Parameter(value=fit.denominator.tolist()),
-        f"{key}.time_constant_s": Parameter(value=fit.time_constant_s),
-        f"{key}.static_gain_n": Parameter(value=fit.static_gain_n),
-        f"{key}.delay_s": Parameter(value=0.0),
+        f"{key}.numerator": Parameter(value=function.numerator.tolist(), std=numerator.tolist()),
+        f"{key}.denominator": Parameter(value=function.denominator.tolist(), std=denominator.tolist()),
+        f"{key}.time_constant_s": Parameter(value=fit.time_constant_s, std=fit.time_constant_std_s),
+        f"{key}.static_gain_n": Parameter(value=fit.gain_n, std=float(fit.std[0])),
+        f"{key}.delay_s": Parameter(value=delay.delay_s, std=delay.std_s),
+        f"{key}.delay_after_quickest_s": Parameter(value=delay.after_quickest_s, std=delay.after_quickest_std_s),
     }
 
 
-def _covariances(fit: TransferFit) -> tuple[Covariance, ...]:
-    """Return the covariance of the joint transfer function's values."""
-    values = {
-        "tf.numerator": fit.numerator.tolist(),
-        "tf.denominator": fit.denominator.tolist(),
-        "tf.static_gain_n": fit.dynamics.static_gain_n,
-        "tf.time_constant_s": fit.time_constant_s,
-        "tf.delay_s": fit.mean_delay.delay_s,
+def _thesis_quantities(key: str, fit: ThesisFit) -> Quantities:
+    """Return the quantities by the thesis method, which has no uncertainties and assumes a delay of zero."""
+    values = {**_thesis_values(fit), "delay_s": 0.0}
+    return {f"{key}.{name}": Parameter(value=value) for name, value in values.items()}
+
+
+def _thesis_values(fit: ThesisFit) -> dict[str, Any]:
+    return {
+        "numerator": fit.function.numerator.tolist(),
+        "denominator": fit.function.denominator.tolist(),
+        "time_constant_s": fit.function.time_constant_s,
+        "static_gain_n": fit.function.static_gain_n,
     }
-    covariance = fit.std.covariance.copy()
-    covariance[-1, -1] = fit.mean_delay.std_s**2  # including that of the mean delay of stamps
-    return covariance_between(values, covariance)
+
+
+def _thesis_merits(fit: ThesisFit, of: str) -> dict[str, Dependent]:
+    """Return the thesis method's values to compare with the transfer function `of` a key, or as those of a series."""
+    return {name: Dependent(value, f"{of}.{name}") for name, value in _thesis_values(fit).items()}
+
+
+def _row(series: str, periods: int, frequency_rad_s: float, value: complex, std: float | None) -> dict[str, Any]:
+    return {
+        "series": series,
+        "l": periods,
+        "frequency_rad_s": frequency_rad_s,
+        "magnitude": abs(value),
+        "phase_rad": phase(value),
+        "std": std,
+    }
 
 
 def _merits(found: Identified) -> dict[str, Any]:
@@ -254,38 +312,146 @@ def _merits(found: Identified) -> dict[str, Any]:
         "misfit": fit.misfit,
         "corrected_aic": found.aicc,
         "series": {
-            name: {
-                "mean_lateness_s": series.mean_lateness_s,
-                "clock_skew": [line.skew for line in series.lines],
-                "clock_skew_std": [line.rate_std / line.rate**2 for line in series.lines],
-                "runs": len(series.runs),
+            measured.name: {
+                "mean_lateness_s": measured.mean_lateness_s,
+                "clock_skew": [line.skew for line in found.aligned[measured.name].lines],
+                "clock_skew_std": [line.rate_std / line.rate**2 for line in found.aligned[measured.name].lines],
+                "loadcell_clock_skew": measured.skew,
+                "loadcell_clock_skew_std": measured.skew_std,
+                "second_harmonic": [abs(response.second) for response in measured.responses],
+                "runs": len(measured.responses),
             }
-            for name, series in found.aligned.items()
+            for measured in fit.measured
         },
     }
 
 
-def _thesis_merits(fit: ThesisFit, of: str) -> dict[str, Dependent]:
-    """Return the thesis method's values to compare with the transfer function `of` a key, or as those of a series."""
-    found = {
-        "numerator": fit.numerator.tolist(),
-        "denominator": fit.denominator.tolist(),
-        "static_gain_n": fit.static_gain_n,
-        "time_constant_s": fit.time_constant_s,
-    }
-    return {name: Dependent(one, f"{of}.{name}") for name, one in found.items()}
+def _lines(found: Identified) -> list[str | Dependent]:
+    """Return lines on H(z), chi-squared and the shapes' scores, each of several series, and the delays."""
+    fit = found.fit
+    lines: list[str | Dependent] = [
+        *_convention(fit.function, fit.form),
+        f"chi-squared {fit.chi_squared:.1f} for {fit.degrees_of_freedom} degrees of freedom (probability "
+        f"{fit.probability:.2g}): the model {'describes' if fit.described else 'does not describe'} {len(fit.model)} "
+        "frequencies",
+    ]
+    if found.aicc:
+        scores = ", ".join(f"{shape} {score:+.1f}" for shape, score in found.aicc.items())
+        lines.append(f"corrected AIC above the best: {scores}")
+    for name, one in found.each.items():
+        delay, keys = one.delays[name], ("static_gain_n", "time_constant_s", "delay_s")
+        line = (
+            f"{name} for itself: static gain {one.gain_n:.4g} +- {one.std[0]:.2g} N, time constant "
+            f"{1e3 * one.time_constant_s:.2f} +- {1e3 * one.time_constant_std_s:.2g} ms, delay "
+            f"{1e3 * delay.delay_s:.2f} +- {1e3 * delay.std_s:.2g} ms, chi-squared {one.chi_squared:.1f} of "
+            f"{one.degrees_of_freedom}"
+        )
+        lines.append(Dependent(line, *(f"tf.series.{name}.{key}" for key in keys)))
+    for name, delay in fit.delays.items():
+        skews = ", ".join(f"{1e6 * line.skew:+.0f} ppm" for line in found.aligned[name].lines)
+        clocks = f"; the vehicle's clock is off by {skews}" if skews else "; no stamps of the vehicle"
+        line = (
+            f"{name}: delay {_milliseconds(delay.delay_s, delay.std_s)} after the average report of a command, "
+            f"{_milliseconds(delay.after_quickest_s, delay.after_quickest_std_s)} after the fastest{clocks}"
+        )
+        lines.append(Dependent(line, "tf.delay_s", "tf.delay_after_quickest_s"))
+    return lines
 
 
-def _thesis_lines(thesis: ThesisFit | str, ours: GainAndLag) -> list[str | Dependent]:
-    """Return the thesis method's result for the same runs, or why there is none."""
-    if isinstance(thesis, str):
-        return [f"thesis method: no result: {thesis}"]
-    theirs = GainAndLag(thesis.static_gain_n, thesis.time_constant_s)
-    return [compared(f"thesis method, latency left out: {theirs.text(ours)}")]
+def _milliseconds(delay_s: float, std_s: float) -> str:
+    zero = " (consistent with zero)" if abs(delay_s) <= COVERAGE_95 * std_s else ""
+    return f"{1e3 * delay_s:.2f} +- {1e3 * std_s:.2g} ms{zero}"
 
 
-def _row(periods: int, frequency_rad_s: float, value: complex) -> dict[str, Any]:
-    return {"l": periods, "frequency_rad_s": frequency_rad_s, "magnitude": abs(value), "phase_rad": phase(value)}
+def _convention(function: TransferFunction, form: Form) -> list[Dependent]:
+    """Return H(z) in rising powers of z^-1, and its convention."""
+    lines = (
+        f"H(z) = {function.text}, N of thrust over units of the command",
+        f"coefficients of z^0, z^-1, ... at {1e3 * function.sample_s:.5g} ms, leading 1; {_FORMS[form]}",
+    )
+    return [Dependent(line, "tf.numerator", "tf.denominator") for line in lines]
+
+
+def verify(
+    runs: SineSet | Sequence[Run | Path | str],
+    function: TransferFunction | Result,
+    *,
+    used: Collection[str] = (),
+    sign: Sign = "auto",
+    settle_s: float = SETTLE_S,
+) -> Result:
+    """Simulate a transfer function, or that of a result, and compare it with runs it was not identified from.
+
+    `used` are the sha256 of the files that a function was identified from; a result knows its own. Raises DataError for
+    a run without a frequency, or one that is too short.
+    """
+    sines = runs if isinstance(runs, SineSet) else read_sines(runs)
+    if isinstance(function, Result):
+        used = {source.sha256 for source in function.sources}
+        function = TransferFunction.of_quantities(function.quantities)
+    findings = list(sines.findings)
+    checked: list[tuple[SineRun, Verification]] = []
+    still = [run.name for run in sines.runs if not run.sine.periods]
+    if len(still) == len(sines.runs):
+        raise DataError(f"{still[0]}: has no frequency, and nothing to compare: leave it out.")
+    findings += [note("sine-without-frequency", f"{name} has no frequency and is left out.", "tf.*") for name in still]
+    for recorded in sines.series.values():
+        turning, lost = with_end([run for run in recorded if run.sine.periods])
+        findings += lost
+        if not turning:
+            continue
+        series = align(turning, sign=sign)
+        delay_s, std_s = function.after_quickest_s, function.delay_std_s
+        if delay_s is None:
+            delay_s, std_s = function.delay_s + series.mean_lateness_s, hypot(std_s, series.mean_lateness_std_s)
+        checked += [
+            (run, verify_run(run, function, after_quickest_s=delay_s, delay_std_s=std_s, settle_s=settle_s))
+            for run in series.runs
+        ]
+    if again := [source.path for source in sines.sources if source.sha256 in used]:
+        text = f"{again[0]}: the transfer function was identified from it: this verifies nothing."
+        findings.append(warning("verification-reuses-run", text, "tf.verify.*"))
+    quantities: Quantities = {}
+    merits, lines = {}, []
+    keys = _distinct(check.name.partition(" (")[2].removesuffix(")").removesuffix(".csv") for _, check in checked)
+    names = _distinct(check.name for _, check in checked)
+    for key, name, (_, check) in zip(keys, names, checked, strict=True):
+        own = {
+            f"tf.verify.{key}.fit_percent": Parameter(value=check.fit_percent),
+            f"tf.verify.{key}.residual_rms_n": Parameter(value=check.residual_rms_n),
+            f"tf.verify.{key}.late_s": Parameter(value=check.late_s, std=check.late_std_s),
+            f"tf.verify.{key}.gain_ratio": Parameter(value=check.gain_ratio, std=check.gain_ratio_std),
+        }
+        quantities |= own
+        merits[name] = {
+            "off": check.off,
+            "off_std": check.off_std,
+            "unfiltered_fit_percent": Dependent(check.unfiltered_fit_percent, *own),
+        }
+        findings += check.findings(tuple(own))
+        lines.append(Dependent(check.text, *own))
+    return Result(
+        command="tf verify",
+        section="tf verify",
+        method="default",
+        quantities=quantities,
+        wanted=("tf.verify.*",),
+        merits={"runs": merits},
+        findings=tuple(findings),
+        sources=sines.sources,
+        lines=tuple(lines),
+        drawings=lambda: _verification_figures(checked),
+    )
+
+
+def _distinct(names: Iterable[str]) -> list[str]:
+    """Return the names, numbered where one is repeated: files in different folders may have the same name."""
+    seen: Counter[str] = Counter()
+    distinct = []
+    for name in names:
+        seen[name] += 1
+        distinct.append(name if seen[name] == 1 else f"{name}_{seen[name]}")
+    return distinct
 
 
 def _fit_figures(found: Identified, thesis: ThesisFit | None, settle_s: float) -> Figures:
@@ -297,4 +463,11 @@ def _fit_figures(found: Identified, thesis: ThesisFit | None, settle_s: float) -
 def _thesis_figures(found: ThesisFits) -> Figures:
     from cfid.transfer.figures import thesis_bode_figure
 
-    return {"tf_bode_thesis": thesis_bode_figure(found.each, found.joint, sample_s=SAMPLE_S)}
+    return {"tf_bode_thesis": thesis_bode_figure(found.each, found.joint)}
+
+
+def _verification_figures(checked: Sequence[tuple[SineRun, Verification]]) -> Figures:
+    from cfid.transfer.figures import verification_figure
+
+    names = _distinct(f"tf_verify_l{run.sine.periods}" for run, _ in checked)
+    return {name: verification_figure(run, check) for name, (run, check) in zip(names, checked, strict=True)}

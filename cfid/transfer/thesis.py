@@ -14,8 +14,9 @@ import numpy.typing as npt
 from cfid.counted import counted
 from cfid.errors import DataError, FitError
 from cfid.findings import Finding, note, rejection, warning
-from cfid.transfer.sines.alignment import RecordedSine, Sign
-from cfid.transfer.sines.plan import SAMPLE_S
+from cfid.transfer.alignment import RecordedSine, Sign
+from cfid.transfer.model import TransferFunction
+from cfid.transfer.plan import SAMPLE_S
 
 Array = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
@@ -63,39 +64,23 @@ class ThesisResponse:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ThesisFit:
-    """Coefficients in rising powers of z^-1, the denominator with its leading 1; the thesis has no uncertainties.
+    """The transfer function of a series; the thesis has no uncertainties. `findings` are about single runs."""
 
-    `findings` are about single runs.
-    """
-
-    numerator: Array
-    denominator: Array
+    function: TransferFunction
     responses: tuple[ThesisResponse, ...]
     weights: Array
     findings: tuple[Finding, ...]
 
-    @property
-    def static_gain_n(self) -> float:
-        """The force over a constant command."""
-        return float(self.numerator.sum() / self.denominator.sum())
-
-    @property
-    def time_constant_s(self) -> float | None:
-        """The time constant of the slowest pole; None when that pole is not a decay."""
-        pole = float(np.max(np.abs(np.roots(self.denominator)), initial=0.0))
-        return -SAMPLE_S / math.log(pole) if 0 < pole < 1 else None
-
     def rejections(self, keys: Sequence[str]) -> tuple[Finding, ...]:
         """Return why this is not a motor's transfer function, for its quantities `keys`."""
-        elsewhere, count = sum(own.elsewhere for own in self.responses), len(self.responses)
+        elsewhere, count = sum(response.elsewhere for response in self.responses), len(self.responses)
         pole = "its slowest pole is no decay, which no motor has."
         peaks = (
-            f"in {elsewhere} of {counted(count, 'run')} the force's largest peak is not at the sine: are the "
-            "channel and the "
-            "motor those of the runs?"
+            f"in {elsewhere} of {counted(count, 'run')} the force's largest peak is not at the sine: are the channel "
+            "and the motor those of the runs?"
         )
         return (
-            *(() if self.time_constant_s else (rejection("thesis-pole-no-decay", pole, *keys),)),
+            *(() if self.function.time_constant_s else (rejection("thesis-pole-no-decay", pole, *keys),)),
             *((rejection("thesis-peaks-elsewhere", peaks, *keys),) if 2 * elsewhere > count else ()),
         )
 
@@ -145,16 +130,13 @@ def fit_thesis(recorded: Sequence[RecordedSine], settings: ThesisSettings = FIRS
             text = f"l = {run.sine.periods} is above {settings.count_up_to} and left out."
             findings.append(note("sine-too-fast", text, "tf.*").at(run.name))
         else:
-            responses.append(thesis_response(run, settle_samples=settings.settle_samples))
-    findings += [
-        warning("thesis-peak-elsewhere", f"the force's largest peak is not at l = {own.periods}.", "tf.*").at(own.name)
-        for own in responses
-        if own.elsewhere
-    ]
-    weights = np.where(
-        [own.periods <= settings.low_up_to for own in responses], settings.weight_low, settings.weight_high
-    )
-    return _solved(responses, weights, findings, settings)
+            response = thesis_response(run, settle_samples=settings.settle_samples)
+            responses.append(response)
+            if response.elsewhere:
+                text = f"the force's largest peak is not at l = {response.periods}."
+                findings.append(warning("thesis-peak-elsewhere", text, "tf.*").at(run.name))
+    slow = np.array([response.periods <= settings.low_up_to for response in responses], dtype=bool)
+    return _solved(responses, np.where(slow, settings.weight_low, settings.weight_high), findings, settings)
 
 
 def join_thesis(fits: Sequence[ThesisFit], settings: ThesisSettings) -> ThesisFit:
@@ -163,7 +145,7 @@ def join_thesis(fits: Sequence[ThesisFit], settings: ThesisSettings) -> ThesisFi
     Only A and B of `settings` are used. The thesis itself keeps its series apart. Raises FitError for too few
     responses.
     """
-    responses = [own for fit in fits for own in fit.responses]
+    responses = [response for fit in fits for response in fit.responses]
     findings = [finding for fit in fits for finding in fit.findings]
     return _solved(responses, np.concatenate([fit.weights for fit in fits]), findings, settings)
 
@@ -225,12 +207,11 @@ def least_squares(value: Complex, omega_rad: Array, weights: Array, settings: Th
 def _solved(
     responses: Sequence[ThesisResponse], weights: Array, findings: Sequence[Finding], settings: ThesisSettings
 ) -> ThesisFit:
-    value = np.array([own.value for own in responses])
-    omega_rad = np.array([own.omega_rad for own in responses])
+    value = np.array([response.value for response in responses])
+    omega_rad = np.array([response.omega_rad for response in responses])
     numerator, denominator = least_squares(value, omega_rad, weights, settings)
     return ThesisFit(
-        numerator=numerator,
-        denominator=denominator,
+        function=TransferFunction(numerator=numerator, denominator=denominator),
         responses=tuple(responses),
         weights=weights,
         findings=tuple(findings),

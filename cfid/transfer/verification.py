@@ -3,16 +3,16 @@
 import cmath
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from cfid.errors import DataError
 from cfid.findings import Finding, rejection, warning
-from cfid.transfer.frequency_response import END_S, SETTLE_S, respond
-from cfid.transfer.model import DifferenceEquation, Dynamics, Form
-from cfid.transfer.sines.alignment import SineRun
+from cfid.transfer.alignment import SineRun
+from cfid.transfer.frequency_response import END_S, SETTLE_S, respond, sine_columns
+from cfid.transfer.model import TransferFunction
 
 Array = npt.NDArray[np.float64]
 
@@ -74,6 +74,16 @@ class Verification:
         """Whether the transfer function describes the run, as far as the run's noise resolves it."""
         return self.off <= OFF_LIMIT + _CERTAIN * self.off_std
 
+    @property
+    def text(self) -> str:
+        """The comparison as a line."""
+        return (
+            f"{self.name}: fit {self.fit_percent:.1f} % ({self.unfiltered_fit_percent:.1f} % with the vibration), "
+            f"residual {1e3 * self.residual_rms_n:.2g} mN rms; measured {1e3 * self.late_s:+.2f} +- "
+            f"{1e3 * self.late_std_s:.2g} ms later and {self.gain_ratio:.4f} +- {self.gain_ratio_std:.2g} times as "
+            "large as simulated"
+        )
+
     def findings(self, keys: Sequence[str]) -> tuple[Finding, ...]:
         """Return findings against the comparison with the quantities `keys`."""
         found = []
@@ -92,11 +102,10 @@ class Verification:
 
 def verify_run(
     run: SineRun,
-    dynamics: Dynamics | DifferenceEquation,
+    function: TransferFunction,
     *,
     after_quickest_s: float,
     delay_std_s: float = 0.0,
-    form: Form = "hold",
     settle_s: float = SETTLE_S,
     smoothed_hz: float = SMOOTHED_HZ,
 ) -> Verification:
@@ -105,20 +114,21 @@ def verify_run(
     `after_quickest_s` is the delay after the quickest reports, `delay_std_s` its standard uncertainty in this run.
     Raises DataError for a run that is too short to be compared.
     """
-    simulated = dynamics.simulate(run.sine.commands(), run.time_s - after_quickest_s, sample_s=run.sample_s, form=form)
+    measured, in_run = run.force_n, replace(function, sample_s=run.sample_s)
+    simulated = in_run.simulate(run.sine.commands(), run.time_s - after_quickest_s)
     inside = (run.time_s >= settle_s) & (run.time_s <= run.duration_s - END_S)
     if inside.sum() < 2 or run.duration_s < settle_s + 2 * END_S + 2 / smoothed_hz:
         raise DataError(f"{run.name}: {run.duration_s:.1f} s are too short to be compared with a simulation.")
-    measured = run.force_n
     time_s, smooth = _smoothed(run.time_s, np.stack([measured, simulated]), smoothed_hz)
     kept = (time_s >= settle_s) & (time_s <= run.duration_s - END_S)
     smooth = smooth[:, kept] - smooth[:, kept].mean(axis=1, keepdims=True)
-    response = respond(run, settle_s=settle_s, form=form)
-    omega = np.array([response.frequency_rad_s])
-    model = complex(dynamics.response(omega, sample_s=run.sample_s, form=form)[0])
-    ratio = response.value / (model * np.exp(-1j * omega[0] * after_quickest_s))
+    response = respond(run, settle_s=settle_s)
+    omega = response.frequency_rad_s
+    columns = sine_columns(run.time_s[inside], omega).T
+    both = np.linalg.lstsq(columns, np.stack([measured[inside], simulated[inside]], axis=1), rcond=None)[0]
+    ratio = complex(*both[3:5, 0]).conjugate() / complex(*both[3:5, 1]).conjugate()
     size_std, phase_std = response.polar_std
-    phase_std = math.hypot(phase_std, float(omega[0]) * delay_std_s)
+    phase_std = math.hypot(phase_std, omega * delay_std_s)
     return Verification(
         name=run.name,
         time_s=time_s[kept],
@@ -126,12 +136,12 @@ def verify_run(
         simulated_n=smooth[1],
         fit_percent=_fit_percent(smooth[0], smooth[1]),
         unfiltered_fit_percent=_fit_percent(measured[inside], simulated[inside]),
-        late_s=float(-np.angle(ratio) / omega[0]),
-        late_std_s=float(phase_std / omega[0]),
-        late_rad=float(-np.angle(ratio)),
-        late_std_rad=float(phase_std),
-        gain_ratio=float(abs(ratio)),
-        gain_ratio_std=size_std / abs(model),
+        late_s=-cmath.phase(ratio) / omega,
+        late_std_s=phase_std / omega,
+        late_rad=-cmath.phase(ratio),
+        late_std_rad=phase_std,
+        gain_ratio=abs(ratio),
+        gain_ratio_std=size_std / abs(response.value) * abs(ratio),
     )
 
 

@@ -22,11 +22,11 @@ from cfid.estimate.signals import block_means
 from cfid.sim.link import Direction, RadioTruth
 from cfid.sim.loadcell import LoadCellTruth, SimulatedLoadCell
 from cfid.sim.propulsion import NOMINAL_V, RotorTruth, SimulatedRotors
+from cfid.transfer.alignment import RecordedSine, Reports, SineRun, SineSeries, align
+from cfid.transfer.data import thrust_of
 from cfid.transfer.estimation import MeasuredSeries, fit_transfer, measure
 from cfid.transfer.frequency_response import END_S, SETTLE_S, Response
-from cfid.transfer.sines.alignment import RecordedSine, SineRun, SineSeries, align, thrust_of
-from cfid.transfer.sines.plan import SAMPLE_S, Sine
-from cfid.transfer.sines.reports import Reports
+from cfid.transfer.plan import SAMPLE_S, Sine
 from cfid.wire.app import MIDDLE
 from tests.offline.sine_bench import ARM_M, LATE_RADIO, USUAL_CELL
 from tests.transfer.sine_recordings import SILENT_CELL
@@ -268,7 +268,7 @@ def identified(runs: Sequence[RecordedSine], radio: RadioTruth) -> Array:
     truth_s = CELL_LATENCY_S - radio.latency_s
     return np.array(
         [
-            100 * (fit.dynamics.static_gain_n / GAIN_N - 1),
+            100 * (fit.gain_n / GAIN_N - 1),
             100 * (fit.time_constant_s / RISING.time_constant_s - 1),
             1e3 * (delay.delay_s - truth_s),
             1e3 * (delay.after_quickest_s - truth_s - radio.jitter_s),
@@ -292,7 +292,6 @@ def respond_at_once(series: SineSeries) -> MeasuredSeries:
     responses = [
         Response(
             name=f"l = {l}",
-            form="hold",
             periods=l,
             frequency_rad_s=base * l,
             sample_s=run.sample_s,
@@ -300,8 +299,6 @@ def respond_at_once(series: SineSeries) -> MeasuredSeries:
             covariance=2 * level / len(force) / abs(drive) ** 2 * np.eye(2),
             start_std_s=0.0,
             shared_s={**run.shared_s, "start": run.start_std_s},  # one start time shifts all lines
-            harmonics=(),
-            mean_n=float(found[0]),
         )
         for l, phasor, drive, level in zip(plan.lines, phasors, drives, levels, strict=True)  # noqa: E741
     ]

@@ -17,13 +17,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from cfid.transfer.identification import identify_all
-from cfid.transfer.model import EQ_3_15
-from cfid.transfer.sines.alignment import RecordedSine, thrust_of
-from cfid.transfer.sines.plan import Sine
-from cfid.transfer.sines.reports import Reports
+from cfid.transfer import estimation
+from cfid.transfer.alignment import RecordedSine, Reports
+from cfid.transfer.data import thrust_of
+from cfid.transfer.plan import Sine
 from cfid.transfer.thesis import fit_thesis
 from tests.offline.sine_bench import ARM_M, Bench, LinearTruth, SimulatedSine, simulate_sines
+from tests.transfer.sine_recordings import GAIN_N, LAG_S
 
 PERIODS = [*range(16), *range(20, 101, 5), *range(110, 191, 10), 500]
 FILES = 5
@@ -40,7 +40,7 @@ CELL_COLUMNS = ["t", "Fx", "Fy", "Fz", "Tx", "Ty", "Tz"]
 
 
 def write(folder: Path, rate_hz: float) -> list[tuple[SimulatedSine, int]]:
-    truth = LinearTruth(static_gain_n=EQ_3_15.static_gain_n, time_constant_s=EQ_3_15.lags_s[0], vibration_n=0.0386)
+    truth = LinearTruth(static_gain_n=GAIN_N, time_constant_s=LAG_S, vibration_n=0.0386)
     rng = np.random.default_rng(43)
     runs = simulate_sines(truth, periods=PERIODS, samples=4000, rng=rng, bench=Bench(rate_hz=rate_hz))
     files = [len(PERIODS) * number // FILES for number in range(FILES + 1)]
@@ -82,13 +82,13 @@ def recorded(folder: Path, index: list[tuple[SimulatedSine, int]], sign: int = 1
 
 
 def identify(folder: Path, index: list[tuple[SimulatedSine, int]]) -> tuple[float, float]:
-    fit = identify_all({"1": recorded(folder, index)}).fit
-    return fit.dynamics.static_gain_n, fit.time_constant_s
+    fit = estimation.identify({"1": recorded(folder, index)}).fit
+    return fit.gain_n, fit.time_constant_s
 
 
 def as_thesis(folder: Path, index: list[tuple[SimulatedSine, int]]) -> tuple[float, float]:
     fit = fit_thesis(recorded(folder, index, sign=-1))
-    return fit.static_gain_n, fit.time_constant_s or 0.0
+    return fit.function.static_gain_n, fit.function.time_constant_s or 0.0
 
 
 def process(*words: object) -> Callable[[], object]:
@@ -142,7 +142,7 @@ def main() -> None:
             }
         )
         for what, (gain, lag_s) in (("identify", identify(folder, index)), ("thesis' loop", as_thesis(folder, index))):
-            gain_off, lag_off = gain / EQ_3_15.static_gain_n - 1, lag_s / EQ_3_15.lags_s[0] - 1
+            gain_off, lag_off = gain / GAIN_N - 1, lag_s / LAG_S - 1
             print(f"{what:<30}gain {100 * gain_off:+.2f} %   time constant {100 * lag_off:+.2f} %")
     goal = 1.8 if rate_hz >= FULL_HZ else 2
     print(f"whole process over reading, {rate_hz:g} Hz: {whole:.2f}  (goal: at most {goal})")

@@ -29,7 +29,7 @@ from cfid.records.parameters import Source, plain
 from cfid.records.result import Dependent, Result
 from cfid.records.rig_file import thesis_rig
 from cfid.records.run import Label
-from cfid.transfer.verification_result import Function
+from cfid.transfer.model import TransferFunction
 from tests.drag.test_drag_campaigns import COMPLEX_AIR, measured
 from tests.drawn import swing_record
 from tests.estimate.test_common_causes import evidence
@@ -113,7 +113,7 @@ def transfer_by_thesis(folder: Path) -> Result:
 
 def verification(folder: Path) -> Result:
     runs = [write_run(folder, run) for run in sines((5, 10), samples=2000)]
-    function = Function.of_coefficients([0, 6.0705967e-8], [1, -0.9745210], delay_s=-0.0274)
+    function = TransferFunction.of_coefficients([0, 6.0705967e-8], [1, -0.9745210], delay_s=-0.0274)
     return transfer.verify(runs, function)
 
 
@@ -134,7 +134,7 @@ LOST: Mapping[Callable[[Path], Result], tuple[str, set[str]]] = {
     lag_of_a_log: ("dynamics.rising", set()),
     drag_of_a_complex_vehicle: ("drag.complex.normalised.k3", {"normalised_squared"}),
     transfer_function: ("tf.static_gain_n", {"thesis.static_gain_n", "static_gain_off_slope"}),
-    transfer_by_thesis: ("tf.series.bench.time_constant_s", {"series.bench.time_constant_s"}),
+    transfer_by_thesis: ("tf.time_constant_s", {"series.bench.time_constant_s"}),
     verification: ("tf.verify.*.fit_percent", {"runs.*.unfiltered_fit_percent"}),
 }
 

@@ -15,7 +15,7 @@ from cfid.rig.instrument import Instrument
 from cfid.rig.motor_commands import hold
 from cfid.rig.ready_vehicle import connect_vehicle
 from cfid.rig.run import Plan, record_run
-from cfid.transfer.sines.record import play_sine
+from cfid.transfer.record import play_sine
 from cfid.wire.app import SineRequest
 from cfid.wire.supervisor import VehicleState
 from tests.virtual_bench import Bench

@@ -10,7 +10,6 @@ import numpy.typing as npt
 import pytest
 
 from cfid.motors.during import Steps
-from cfid.transfer.sines.during import Felt
 from tests.virtual_bench import Bench, bench_in
 
 Array = npt.NDArray[np.float64]
@@ -49,19 +48,6 @@ def test_steps_that_do_not_settle_or_are_not_felt_are_said_once_after_the_second
     assert not any("30000" in text for text in said)
 
 
-@pytest.mark.parametrize(("amplitude_n", "is_felt"), [(0.0, False), (0.02, True)])
-def test_a_sine_that_the_cell_does_not_feel_is_said_within_three_seconds(amplitude_n: float, is_felt: bool) -> None:
-    felt, rng, said_s = Felt(2 * np.pi * 2.0, 1e6), np.random.default_rng(2), list[float]()
-    for begin_s in np.arange(0.0, 8.0, BLOCK_S):
-        if abs(begin_s - 1.0) < 1e-9:
-            assert felt("crossings", [np.array([1.0])]) == ""
-        time_s = begin_s + np.arange(35) / RATE_HZ
-        force = 0.5 + amplitude_n * np.sin(4 * np.pi * time_s + 0.7) + rng.normal(0, 0.02, 35)
-        if felt("loadcell", [time_s, *[1e6 * force] * 6]):
-            said_s.append(begin_s - 1.0)
-
-    assert len(said_s) == (not is_felt)
-    assert all(at_s < 3.0 for at_s in said_s)
 
 
 def deafen(bench: Bench) -> None:

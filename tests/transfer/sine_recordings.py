@@ -7,16 +7,16 @@ import numpy as np
 
 from cfid.sim.link import RadioTruth
 from cfid.sim.loadcell import LoadCellTruth
+from cfid.transfer.alignment import RecordedSine, Reports
+from cfid.transfer.data import Channel, thrust_of
 from cfid.transfer.model import EQ_3_15
-from cfid.transfer.sines.alignment import Channel, RecordedSine, thrust_of
-from cfid.transfer.sines.plan import SAMPLE_S, Sine
-from cfid.transfer.sines.reports import Reports
+from cfid.transfer.plan import SAMPLE_S, Sine
 from tests.offline.sine_bench import ARM_M, Bench, LinearTruth, SimulatedSine, simulate_sines
 
 SILENT_CELL = LoadCellTruth(bias=(0.0,) * 6, drift_per_s=(0.0,) * 6, noise_std=(0.0,) * 6)
 PUNCTUAL = RadioTruth(latency_s=0.0, jitter_s=0.0)
 FIRST_PERIODS = (*range(1, 16), *range(20, 101, 5))  # table 3.1 as far as C.2.5 states it, from 1 to the cut-off
-GAIN_N, LAG_S = EQ_3_15.static_gain_n, EQ_3_15.lags_s[0]
+GAIN_N, LAG_S = EQ_3_15.static_gain_n, EQ_3_15.time_constant_s or 0.0
 # Five times the sine's amplitude at l = 100 of N = 4000.
 VIBRATION_N = 5 * 20000 * abs(complex(EQ_3_15.response(np.array([2 * np.pi * 12.5]))[0]))
 SHAKEN = LinearTruth(static_gain_n=GAIN_N, time_constant_s=LAG_S, vibration_n=VIBRATION_N)

@@ -5,17 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cfid.transfer.delay_scatter import search_with_scatter
-from cfid.transfer.estimation import MeasuredSeries, fit_transfer
+from cfid.transfer.alignment import Reports, align
+from cfid.transfer.estimation import MeasuredSeries, fit_transfer, identify, measure
 from cfid.transfer.frequency_response import Response
-from cfid.transfer.identification import identify_all
-from cfid.transfer.sines.plan import SAMPLE_S
-from cfid.transfer.sines.reports import Reports
-from tests.transfer.sine_recordings import exact
+from cfid.transfer.plan import SAMPLE_S
+from tests.transfer.sine_recordings import LAG_S as PLANT_LAG_S
+from tests.transfer.sine_recordings import USUAL, exact, log_spaced, recorded, simulated
 
+AMPLITUDE, STEADY_RAD_S, SWING_RAD_S = 20000, 1700.0, 800.0
 GAIN_N, LAG_S, DELAY_S = 2.4e-6, 0.065, -0.02
 OMEGA_RAD_S = 2 * np.pi * np.geomspace(0.2, 12.5, 12)
-AMPLITUDE, STEADY_RAD_S, SWING_RAD_S = 20000, 1700.0, 800.0
 
 
 def responses(late_s: np.ndarray, rng: np.random.Generator, *, relative: float = 1e-3) -> tuple[Response, ...]:
@@ -28,7 +27,6 @@ def responses(late_s: np.ndarray, rng: np.random.Generator, *, relative: float =
     return tuple(
         Response(
             name=f"{place}",
-            form="hold",
             periods=place + 1,
             frequency_rad_s=float(OMEGA_RAD_S[place]),
             sample_s=SAMPLE_S,
@@ -36,8 +34,6 @@ def responses(late_s: np.ndarray, rng: np.random.Generator, *, relative: float =
             covariance=own**2 * np.eye(2),
             start_std_s=0.0,
             shared_s={},
-            harmonics=(0.0, 0.0),
-            mean_n=0.07,
         )
         for place, (value, own) in enumerate(zip(values, std, strict=True))
     )
@@ -49,7 +45,7 @@ def test_delays_that_differ_from_run_to_run_are_found_and_leave_the_intervals_tr
         series = MeasuredSeries(name="a", responses=responses(rng.normal(0, 5e-3, 12), rng))
         fit = fit_transfer([series])
         held += [
-            abs(fit.dynamics.static_gain_n - GAIN_N) < 1.96 * fit.std.static_gain_n,
+            abs(fit.gain_n - GAIN_N) < 1.96 * fit.std[0],
             abs(fit.time_constant_s - LAG_S) < 1.96 * fit.time_constant_std_s,
             abs(fit.mean_delay.after_quickest_s - DELAY_S) < 1.96 * fit.mean_delay.after_quickest_std_s,
         ]
@@ -64,7 +60,8 @@ def test_delays_that_differ_from_run_to_run_are_found_and_leave_the_intervals_tr
 def test_one_delay_for_all_runs_does_not_scatter() -> None:
     rng = np.random.default_rng(2)
     for _ in range(10):
-        assert search_with_scatter([responses(np.zeros(12), rng)], "first+delay")[2] == 0.0
+        fit = fit_transfer([MeasuredSeries(name="a", responses=responses(np.zeros(12), rng))])
+        assert fit.delay_scatter_s == 0.0
 
 
 def uneven_second(part: float, omega_rad_s: float) -> tuple[complex, complex]:
@@ -106,10 +103,30 @@ def test_a_run_whose_last_report_was_lost_is_left_out_with_a_warning() -> None:
     runs = exact(6e-8, 0.97, periods=[2, 5, 10, 20], samples=4000)
     reports = runs[1].reports
     lost = replace(runs[1], reports=Reports(reports.host_s[:-1], reports.command[:-1]))
-    found = identify_all({"bench": [runs[0], lost, *runs[2:]]})
+    found = identify({"bench": [runs[0], lost, *runs[2:]]})
 
     assert [run.sine.periods for run in found.used["bench"]] == [2, 10, 20]
     (warned,) = [one for one in found.findings if one.code == "sine-without-end"]
     assert warned.severity == "warning"
     assert "l = 5" in warned.text
     assert "1 of 4" in warned.text
+
+
+@pytest.mark.parametrize("skew", [0.0, 3e-4, -3e-4])
+def test_a_load_cell_whose_clock_runs_off_the_hosts_keeps_its_delay(skew: float) -> None:
+    errors = []
+    for seed in range(6):
+        runs = recorded(simulated(log_spaced(12, 100), seed=seed))
+        skewed = [
+            replace(run, time_s=run.time_s[0] + (run.time_s - run.time_s[0]) * (1 + skew), own_clock=True)
+            for run in runs
+        ]
+        measured = measure("a", align(skewed))
+        fit = fit_transfer([measured])
+        delay = fit.mean_delay
+        errors.append((delay.delay_s - USUAL.delay_s) / delay.std_s)
+        assert measured.skew == pytest.approx(skew, abs=4 * measured.skew_std)
+        assert measured.skew_std < 5e-5
+        assert fit.time_constant_s == pytest.approx(PLANT_LAG_S, rel=0.01)
+
+    assert np.sqrt(np.mean(np.square(errors))) < 1.7

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cfid.transfer.sines.checks import mount_findings, torque_moments
+from cfid.transfer.data import mount_findings, torque_moments
 
 TRUE_YAW_DEG = -45.0
 ARM_M = 0.046

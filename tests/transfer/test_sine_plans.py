@@ -9,7 +9,7 @@ import pytest
 from cfid.records.campaign import open_campaign
 from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import new_rig_text
-from cfid.transfer.sines.plan import THESIS_FIRST, THESIS_SECOND, SineSweep, log_spaced
+from cfid.transfer.plan import THESIS_FIRST, THESIS_SECOND, SineSweep, log_spaced
 from tests.campaigns import in_this_process
 from tests.virtual_bench import bench_in
 

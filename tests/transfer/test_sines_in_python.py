@@ -9,9 +9,9 @@ from cfid.errors import DataError
 from cfid.recordings.sines import read_crossings
 from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import new_rig_text
+from cfid.transfer.data import read_sines
+from cfid.transfer.record import verdict
 from cfid.transfer.result import fit
-from cfid.transfer.sines.data import read_sines
-from cfid.transfer.sines.verdict import verdict
 from tests.few_axes import with_axes
 from tests.transfer.sines_in_a_folder import sines, write_run
 

@@ -9,11 +9,10 @@ import pytest
 from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import new_rig_text
 from cfid.records.run import amend_run, read_run
-from cfid.sim.link import RadioTruth
 from tests.campaigns import sentences
 from tests.kept import sections_at
 from tests.offline.sine_bench import SimulatedSine
-from tests.transfer.sines_in_a_folder import GAIN_N, LAG_S, Here, noiseless, sines, write_index, write_run
+from tests.transfer.sines_in_a_folder import GAIN_N, LAG_S, Here, sines, write_index, write_run
 from tests.transfer.test_tf_faults import refused
 
 POLE = float(np.exp(-0.002 / LAG_S))
@@ -126,22 +125,6 @@ def test_a_function_by_its_numbers_needs_no_campaign(tf: Here, tmp_path: Path, r
     assert any("the measured sine differs from the simulated one by" in text for text in sentences(shifted))
 
 
-def test_without_noise_coefficients_of_any_order_describe_the_run(tf: Here, tmp_path: Path) -> None:
-    bench = noiseless(1000)
-    punctual = RadioTruth(latency_s=0.0, jitter_s=0.0)
-    runs = sines((10, 40), samples=4000, bench=type(bench)(**{**vars(bench), "radio": punctual}))
-    index = write_index(tmp_path, {"": runs})
-    factor = np.convolve([1, -POLE], [1, -0.5])  # the second factor is a pole that a zero cancels
-    numerator = np.convolve([0, GAIN_N * (1 - POLE)], [1, -0.5])
-    words = [",".join(f"{value:.10g}" for value in own) for own in (numerator, factor)]
-    content = tf.json(
-        "verify", "--index", index, "--numerator", words[0], "--denominator", words[1], "--delay-s", 0.0006
-    )
-
-    for l in (10, 40):  # noqa: E741
-        assert content["parameters"][f"tf.verify.crossings_{l}.late_s"]["value"] == pytest.approx(0, abs=1e-3)
-
-
 def test_what_cannot_be_verified_is_refused(tf: Here, tmp_path: Path, runs: list[SimulatedSine]) -> None:
     index = write_index(tmp_path, {"": runs[4:5]}, cells=1)
     refused(tf("verify", "--index", index), 2, "no campaign here that has a transfer function", "--numerator")
@@ -168,13 +151,6 @@ def test_a_run_without_frequency_is_left_out_and_alone_cannot_be_compared(tf: He
 
     alone = write_index(tmp_path, {"": sines((0,))}, cells=1, name="alone.csv")
     refused(tf("verify", "--index", alone, *BY_NUMBERS), 4, "l = 0 (crossings_0.csv): has no frequency")
-
-
-def test_a_run_in_which_noise_drowns_the_sine_verifies_little(tf: Here, tmp_path: Path) -> None:
-    index = write_index(tmp_path, {"": sines((1,))}, cells=1)
-    warnings = sentences(tf.json("verify", "--index", index, *BY_NUMBERS))
-
-    assert any("l = 1 (crossings_1.csv): is known to" in said and "verifies little" in said for said in warnings)
 
 
 def test_runs_whose_files_are_called_the_same_keep_their_own_figures(tf: Here, tmp_path: Path) -> None:

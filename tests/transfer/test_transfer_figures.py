@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from cfid.transfer.alignment import RecordedSine, SineSeries, align
 from cfid.transfer.estimation import MeasuredSeries, TransferFit, fit_transfer, measure
-from cfid.transfer.figures import bode_figure, step_figure, thesis_bode_figure, verification_figure
-from cfid.transfer.panels import sine_run_figure
-from cfid.transfer.sines.alignment import RecordedSine, SineSeries, align
-from cfid.transfer.sines.plan import SAMPLE_S
+from cfid.transfer.figures import bode_figure, sine_run_figure, step_figure, verification_figure
+from cfid.transfer.plan import SAMPLE_S
 from cfid.transfer.thesis import ThesisFit, fit_thesis
 from cfid.transfer.verification import verify_run
 from tests.transfer.sine_recordings import GAIN_N, LAG_S, recorded, simulated
@@ -70,23 +69,6 @@ def test_responses_that_no_model_follows_are_rejected_in_red(look: Look, measure
     assert not page.overlapping()
 
 
-def test_two_series_lie_on_one_curve_in_two_colours(look: Look, measured: MeasuredSeries) -> None:
-    other = MeasuredSeries(name="second", responses=measured.responses, mean_lateness_s=0.0)
-    page = look(bode_figure(fit_transfer([measured, other])))
-    colours = {line.get_color() for line in page.panel("(a)").get_lines() if line.get_marker() == "o"}
-
-    assert len(colours) == 2
-    assert not page.overlapping()
-
-
-def test_the_thesis_page_shows_its_estimates_and_their_least_squares(look: Look, thesis: ThesisFit) -> None:
-    page = look(thesis_bode_figure({"first": thesis}, thesis, sample_s=SAMPLE_S))
-    points = next(line for line in page.panel("(a)").get_lines() if line.get_marker() == "o")
-
-    np.testing.assert_allclose(points.get_ydata(), [1e6 * abs(own.value) for own in thesis.responses])
-    assert not page.overlapping()
-
-
 @pytest.mark.parametrize("shape", ["first+delay", "second"])
 def test_a_step_ends_at_the_static_gain_with_its_interval(
     look: Look, measured: MeasuredSeries, thesis: ThesisFit, shape: Any
@@ -98,10 +80,10 @@ def test_a_step_ends_at_the_static_gain_with_its_interval(
     (band,) = axes.collections
 
     assert model.get_ydata()[0] == 0
-    assert model.get_ydata()[-1] == pytest.approx(1e6 * fit.dynamics.static_gain_n, rel=0.01)
+    assert model.get_ydata()[-1] == pytest.approx(1e6 * fit.gain_n, rel=0.01)
     edge = band.get_paths()[0].vertices
     last = edge[np.isclose(edge[:, 0], edge[:, 0].max()), 1]
-    assert np.ptp(last) == pytest.approx(2 * 1.96e6 * fit.std.static_gain_n, rel=0.25)
+    assert np.ptp(last) == pytest.approx(2 * 1.96e6 * fit.std[0], rel=0.25)
     assert not page.overlapping()
 
 
@@ -123,8 +105,8 @@ def test_a_run_is_shown_with_its_reports_late_and_its_line_in_both_spectra(
 
 def test_a_verification_shows_what_is_left_and_its_verdict(look: Look, series: SineSeries, fit: TransferFit) -> None:
     run = series.runs[2]
-    good = verify_run(run, fit.dynamics, after_quickest_s=fit.delays["first"].after_quickest_s)
-    bad = verify_run(run, fit.dynamics, after_quickest_s=0.15)
+    good = verify_run(run, fit.function, after_quickest_s=fit.delays["first"].after_quickest_s)
+    bad = verify_run(run, fit.function, after_quickest_s=0.15)
     page, other = (look(verification_figure(run, found)) for found in (good, bad))
 
     left = page.panel("(c)").get_lines()[0]

@@ -1,11 +1,12 @@
-"""Record sines, each as a run of its own, in the order of a sweep."""
+"""Record sines, each as a run of its own, in the order of a sweep, and judge each as soon as it is recorded."""
 
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
-from functools import partial
 from itertools import chain
 from typing import Any
+
+import numpy as np
 
 from cfid.console.live import LiveLine
 from cfid.console.log_summary import summary
@@ -14,8 +15,9 @@ from cfid.console.quick_look import NOT_READ, quick
 from cfid.console.recording import Rig, attempt, effort_of
 from cfid.console.vehicle import ExperimentOptions, confirm, reach, refuse
 from cfid.console.verdicts import Judge, judged
-from cfid.errors import CfidError
+from cfid.errors import CfidError, FitError
 from cfid.estimate.battery_endurance import Held
+from cfid.recordings.wrench import LOADCELL
 from cfid.records.campaign import Campaign
 from cfid.records.rig_file import LoadCellBox, LoadCellLines
 from cfid.records.run import Label, Run
@@ -24,10 +26,13 @@ from cfid.rig.instrument import Instrument
 from cfid.rig.loadcell import ready_loadcell
 from cfid.rig.run import Plan
 from cfid.rig.sine import Crossings
-from cfid.transfer.sines.during import Felt
-from cfid.transfer.sines.plan import PLANNED, Sine
+from cfid.transfer.alignment import align
+from cfid.transfer.data import read_sines
+from cfid.transfer.plan import CUTOFF_HZ, PLANNED, Sine
 from cfid.units import FULL_COMMAND, MOTORS
-from cfid.wire.app import MIDDLE, SAMPLES_PER_S, SineRequest
+from cfid.wire.app import MIDDLE, SineRequest
+
+_FELT = 5.0  # standard uncertainties of an amplitude that the load cell measures
 
 
 def record_sines(
@@ -72,14 +77,16 @@ def record_sines(
         for count, sine in enumerate(sines):
             name = f"l = {sine.periods} ({count + 1} of {len(sines)})"
             live.task(f"{name}: pause")
-            tell = partial(_show_task, live, name)
+
+            def tell(text: str, name: str = name) -> None:
+                live.task(f"{name}: {text}")
+
             plan = plan_sine(sine, campaign, before_s=before_s, note=note, simulated=rig.simulated, tell=tell)
             requested = {**plan.requested, **({PLANNED: list(planned)} if len(planned) > 1 else {})}
             # Including the runs after this one.
             plan = replace(plan, requested=requested, lasts_s=(len(sines) - count) * each_s)
-            frequency_rad_s = sine.omega_rad * SAMPLES_PER_S
             parts = [crazyflie.crossings(), *crazyflie.watch(log_ms)]
-            run, failure = _play(plan, parts, cell, live, frequency_rad_s, hardware=rig.hardware)
+            run, failure = _play(plan, parts, cell, live, hardware=rig.hardware)
             if run is not None:
                 run = judged(run, judge)
                 runs.append(summary("log sine", run, failure))
@@ -96,16 +103,11 @@ def _quick(cell: LoadCellBox | LoadCellLines, rig: Rig, log: Callable[[], Instru
         return quick(lambda: [loadcell, log()], plan, rig.hardware, mass_kg=mass_kg)
 
 
-def _show_task(live: LiveLine, name: str, text: str) -> None:
-    live.task(f"{name}: {text}")
-
-
 def _play(
     plan: Plan,
     vehicle: Sequence[Instrument],
     cell: LoadCellBox | LoadCellLines,
     live: LiveLine,
-    frequency_rad_s: float,
     *,
     hardware: Hardware,
 ) -> tuple[Run | None, CfidError | None]:
@@ -115,9 +117,6 @@ def _play(
             loadcell = ready_loadcell(cell, hardware, stream, say=live.say, patient=False)
         except CfidError as error:
             return None, error
-        counts_per_n = (loadcell.record.model_extra or {}).get("counts_per_n")  # None for a cell that sends lines
-        if counts_per_n:
-            plan = replace(plan, notice=Felt(frequency_rad_s, counts_per_n))
         return attempt(plan, [reports, loadcell, *others], hardware, live)
 
 
@@ -152,3 +151,29 @@ async def play_sine(
     await hardware.sleep(before_s)
     tell("playing")
     await crossings.play(request)
+
+
+def verdict(run: Run) -> str:
+    """State how clearly the load cell measures a sine. Raises DataError or FitError if not, or for missing reports."""
+    axes, motor = run.header.devices[LOADCELL].columns, run.header.requested.get("motor")
+    sines = read_sines([run], channel="arm" if motor and {"Tx", "Ty"} <= set(axes) else "Fz")  # all motors: no torque
+    (played,) = align(sines.runs).runs
+    if not played.sine.periods:
+        return f"a constant command, thrust {1e3 * played.force_n.mean():.1f} mN."
+    during = (played.time_s > 0) & (played.time_s < played.duration_s)
+    force_n, phase = played.force_n[during], played.frequency_rad_s * played.time_s[during]
+    columns = np.stack([np.ones_like(phase), np.cos(phase), np.sin(phase)], axis=1)
+    values = np.linalg.lstsq(columns, force_n, rcond=None)[0]
+    amplitude_n = float(np.hypot(values[1], values[2]))
+    std_n = float(np.std(force_n - columns @ values)) * (2 / len(force_n)) ** 0.5
+    if amplitude_n < _FELT * std_n:
+        raise FitError(
+            f"the load cell does not measure it: {1e3 * amplitude_n:.2g} mN at its frequency, noise {1e3 * std_n:.2g} "
+            "mN. Is it this motor's channel? A larger amplitude or a slower sine shows more."
+        )
+    left_out = (
+        f" Above the cut-off of {CUTOFF_HZ:g} Hz: `cfid tf identify` leaves it out unless `cutoff_hz` is raised."
+        if played.sine.is_above(CUTOFF_HZ)
+        else ""
+    )
+    return f"{1e3 * amplitude_n:.3g} mN at its frequency, {amplitude_n / std_n:.0f} times the noise there.{left_out}"

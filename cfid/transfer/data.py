@@ -1,16 +1,20 @@
 """Read sine runs of a campaign, or of files that an index lists, by the name of their series."""
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 from cfid.console.facts import assumed
 from cfid.errors import ConfigError, DataError
-from cfid.findings import Finding, merged, note
-from cfid.large import empty, parts
+from cfid.estimate.held_readings import first_rows, rows_a_reading
+from cfid.estimate.rotation import turn_about_z
+from cfid.findings import Finding, merged, note, rejection, warning
+from cfid.large import empty, parts, usual_step
 from cfid.quantities.registry import Range
 from cfid.recordings.read import read_recording
 from cfid.recordings.sines import CROSSINGS, CrossingRecord, IndexRow, read_crossings, read_index
@@ -19,20 +23,24 @@ from cfid.records.parameters import Source
 from cfid.records.plausibility import Given, implausible_inputs
 from cfid.records.rig_file import NONE_STATED, LoadCellMount, RigFacts
 from cfid.records.run import Run, losses, refuse_contradiction, run_at, run_holding
-from cfid.transfer.sines.alignment import Array, Channel, RecordedSine, thrust_of
-from cfid.transfer.sines.checks import mount_findings, torque_moments
-from cfid.transfer.sines.plan import SAMPLE_S, Sine
-from cfid.transfer.sines.repeated import read_once
-from cfid.transfer.sines.reports import Reports
-from cfid.units import MM
+from cfid.transfer.alignment import Array, RecordedSine, Reports
+from cfid.transfer.plan import SAMPLE_S, Sine
+from cfid.units import MM, MOTOR_AZIMUTH_DEG
 from cfid.wire.app import MIDDLE
+
+Channel = Literal["Fz", "Tx", "Ty", "arm"]
 
 _AXES_OF: Mapping[Channel, tuple[str, ...]] = {"Fz": ("Fz",), "Tx": ("Tx",), "Ty": ("Ty",), "arm": ("Tx", "Ty")}
 _COLUMNS = ("l", "n", "amplitude", "motor", "loadcell", "crossings")
 _MOST_SAMPLES = 2**32 - 1
 _ARM = Range(0.015, 0.3, "a Crazyflie has 0.046")
-_GAINS = ("tf.static_gain_n", "tf.numerator", "tf.series.*", "tf.frequency_response")
+_GAINS = (
+    "tf.static_gain_n", "tf.numerator", "tf.series.*.static_gain_n", "tf.series.*.numerator", "tf.frequency_response",
+)  # fmt: skip
 _ARM_MM, _YAW_DEG = 46.0, -45.0  # of the thesis (C.2.5), used if no others are stated
+_LOOKED_AT = 100_000  # the number of samples that are examined for repeated readings
+_FARTHEST_DEG = 20.0  # from the arm, more than cross-talk and a mount aligned by eye; a gain is then 6 % too small
+_CLEAR = 9.0  # the least ratio of the powers along and across the torque's direction, for the direction to be clear
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,11 +60,6 @@ class SineSet:
     def runs(self) -> list[RecordedSine]:
         """All runs."""
         return [run for own in self.series.values() for run in own]
-
-    @property
-    def paths(self) -> list[Path]:
-        """The files that were read."""
-        return [Path(source.path) for source in self.sources]
 
 
 def read_sines(
@@ -149,7 +152,19 @@ class _Reader:
             self.sources.append(cell.source)
 
     def _cell(self, path: Path) -> WrenchRecord:
-        return read_once(wrench_of(read_recording(path), gain=self.gain).without_outliers().with_stuck_named())
+        """Read a load cell's file, with the first row of each reading: one that repeats it shows an earlier force."""
+        cell = wrench_of(read_recording(path), gain=self.gain).without_outliers().with_stuck_named()
+        readings = cell.values_of(cell.main_axis)
+        rows = rows_a_reading(readings[:_LOOKED_AT])
+        if rows == 1:
+            return cell
+        rate_hz = 1 / usual_step(cell.time_s)
+        text = (
+            f"each reading of the load cell is repeated in about {rows} rows: {rate_hz:.3g} rows a second show "
+            f"{rate_hz / rows:.3g} readings. The first row of each counts, which may be up to {1e3 / rate_hz:.3g} ms "
+            "late."
+        )
+        return cell.kept(first_rows(readings, rows=rows), warning("sine-forces-repeated", text, "tf.*"))
 
     def result(self) -> SineSet:
         """Return everything that was added."""
@@ -174,7 +189,10 @@ class _Reader:
         time_s, force_n = self._thrust(loadcell, sine.motor, facts)
         reports = Reports(crossings.host_s, crossings.command, crossings.sample, crossings.vehicle_us)
         self._add_moments(self._cells[loadcell], time_s, reports, sine, facts)
-        recorded = RecordedSine(name=name, sine=sine, reports=reports, time_s=time_s, force_n=force_n)
+        own_clock = self._cells[loadcell].run is None
+        recorded = RecordedSine(
+            name=name, sine=sine, reports=reports, time_s=time_s, force_n=force_n, own_clock=own_clock
+        )
         self.series.setdefault(sine.series or f"motor{sine.motor}", []).append(recorded)
         self.findings += crossings.findings
         self.sources.append(crossings.source)
@@ -250,3 +268,56 @@ def _sine(run: Run) -> Sine:
         return Sine.of_run(run.header.kind, run.header.requested)
     except DataError as error:
         raise DataError(f"{run.folder}: {error}") from None
+
+
+def thrust_of(
+    channel: Channel, force_n: Array, torque_nm: Array, *, arm_m: float, motor: int = 1, yaw_deg: float = _YAW_DEG
+) -> Array:
+    """Return a motor's thrust (n,) in N by a channel, from forces and torques (n, 3) in N and N m.
+
+    `yaw_deg` turns the cell's vectors into the vehicle's frame (see `turn_about_z`). The thesis turned the vehicle left
+    by 45 degrees on the load cell, a yaw of -45, so that motor 1 lies on the cell's x axis, 4 on y, 3 on -x and 2 on
+    -y. A thrust f up at (x, y) causes Tx = y f and Ty = -x f: motors 1 and 3 load Ty with -1 and +1 times f `arm_m`, 2
+    and 4 load Tx with -1 and +1. C.2.5 has that minus for motor 1. "Tx" and "Ty", the cell's own, are divided by the
+    arm and keep their sign; "arm" projects on the motor's own arm for any `yaw_deg`, with thrust positive.
+    """
+    if channel == "Fz":
+        return force_n[:, 2]
+    if motor not in MOTOR_AZIMUTH_DEG:
+        raise DataError("all motors together make no torque about an arm: use the channel Fz.")
+    if channel == "arm":
+        angle, torque_nm = math.radians(MOTOR_AZIMUTH_DEG[motor]), turn_about_z(torque_nm, yaw_deg=yaw_deg)
+        return np.asarray((math.sin(angle) * torque_nm[:, 0] - math.cos(angle) * torque_nm[:, 1]) / arm_m)
+    return np.asarray(torque_nm[:, 0 if channel == "Tx" else 1] / arm_m)
+
+
+def torque_moments(time_s: Array, torque_nm: Array, *, frequency_hz: float, motor: int, yaw_deg: float) -> Array:
+    """Return the second moments (2, 2) of torque (n, 3) at a frequency, across the motor's arm and along it.
+
+    The component across the arm is that of thrust. `yaw_deg` turns the cell's vectors into the vehicle's frame.
+    """
+    angle, count = math.radians(MOTOR_AZIMUTH_DEG[motor]), len(time_s)
+    axes = np.array([[math.sin(angle), -math.cos(angle)], [math.cos(angle), math.sin(angle)]])
+    total, mean, waves = np.zeros(2, complex), np.zeros(2), 0j
+    for part in parts(count):
+        both = axes @ turn_about_z(torque_nm[part], yaw_deg=yaw_deg)[:, :2].T
+        hann = 0.5 - 0.5 * np.cos(2 * math.pi * np.arange(part.start, part.stop) / (count - 1))
+        wave = hann * np.exp(-2j * math.pi * frequency_hz * (time_s[part] - time_s[0])) / count
+        total, mean, waves = total + both @ wave, mean + both.sum(axis=1) / count, waves + wave.sum()
+    at = total - mean * waves
+    return np.asarray(np.outer(at, at.conj()).real)
+
+
+def mount_findings(moments: Array, *, yaw_deg: float) -> tuple[Finding, ...]:
+    """Reject gains where the torque, with moments (2, 2) summed over all sines, does not match the motor's arm."""
+    across, along = np.linalg.eigvalsh(moments)
+    off_deg = math.degrees(0.5 * math.atan2(2 * moments[0, 1], moments[0, 0] - moments[1, 1]))
+    if along < _CLEAR * across or abs(off_deg) <= _FARTHEST_DEG:
+        return ()
+    lost = 100 * (1 - math.cos(math.radians(off_deg)))
+    text = (
+        f"the torque of the sines lies {abs(off_deg):.0f} degrees off that of the motor's arm (limit "
+        f"{_FARTHEST_DEG:g}), and the gain would be {lost:.0f} % too small: is the load cell's yaw "
+        f"{yaw_deg - off_deg:.0f} degrees, not {yaw_deg:g}, or did another motor run?"
+    )
+    return (rejection("sine-torque-off-arm", text, *_GAINS),)

@@ -1,1 +1,0 @@
-"""Plan and record sine runs, and put them on one time base."""
