@@ -76,7 +76,7 @@ def ping(
         vehicle=vehicle,
         keep=keep,
         note=note,
-        judge=later("cfid.latency.verdict", "verdict"),
+        judge=later("cfid.latency.result", "verdict"),
         found=_found,
     )
 

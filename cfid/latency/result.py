@@ -1,17 +1,20 @@
 """Round trips and the vehicle's clock: quantities with findings, and the rows of table 3.2."""
 
+import math
 from collections.abc import Sequence
-from math import hypot
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import chdtrc
 
-from cfid.errors import ConfigError, DataError
+from cfid.errors import ConfigError, DataError, FitError
+from cfid.estimate.propagation import widened
+from cfid.estimate.signals import block_means, correlation_inflation
 from cfid.findings import Finding, note, rejection, warning
 from cfid.latency.clocks import ClockLine, clock_line, unwrapped_s
-from cfid.latency.estimation import FEW_EFFECTIVE, RoundTrips, round_trips
-from cfid.recordings.sines import PingRecord, read_pings
+from cfid.recordings.sines import PINGS, PingRecord, read_pings
 from cfid.records.parameters import Parameter
 from cfid.records.result import Dependent, Result
 from cfid.records.run import Run
@@ -22,6 +25,50 @@ _HEAD = f"{'circumstances':<28} {'packets':>8} {'mean RTT [ms]':>14} {'std [ms]'
 _BINS, _BAR_WIDTH = 12, 40
 _EARLIEST_S = 1e9  # since 1970: 2001, before the first vehicle
 _LONG_S = 500.0  # length of a record in which delays that drift over a minute come and go several times
+_FEW_EFFECTIVE = 200.0  # from there on, the correlation itself is known well enough
+_PARTS = 10  # of a record, whose means show what wanders too slowly for neighbours to show it
+_BY_CHANCE = 0.001  # below it, the means scatter by more than those of independent round trips
+_LONGEST = 4  # correlation is followed over one nth of a record
+_SHARES = (0.5, 0.95)  # of round trips that are shorter than the stated ones
+_BLOCKS, _RESAMPLED = 20, 400  # blocks of a record, and how often records of them are drawn
+
+
+class RoundTrips(NamedTuple):
+    """Statistics of round trips in s; `std_s` is that of a single one (with n - 1), `mean_std_s` that of their mean.
+
+    Neighbours share a burst or a busy channel: their mean is as uncertain as that of `effective` independent round
+    trips.
+    """
+
+    answers: int
+    effective: float
+    mean_s: float
+    std_s: float
+    mean_std_s: float
+    least_s: float
+    median_s: float
+    median_std_s: float
+    p95_s: float
+    p95_std_s: float
+    wander: bool = False
+
+    @property
+    def are_correlated(self) -> bool:
+        """Whether they are worth half as many or fewer, and too few to know well how uncertain their mean is.
+
+        Round trips that `wander` are correlated, too: the means of parts of the record differ.
+        """
+        return self.wander or self.effective < min(self.answers / 2, _FEW_EFFECTIVE)
+
+    @property
+    def one_way_mean_s(self) -> float:
+        """The mean one-way latency in s, if both ways take equally long."""
+        return self.mean_s / 2
+
+    @property
+    def offset_bound_s(self) -> float:
+        """The largest error in s of a clock offset that takes both ways of the quickest answer as equally long."""
+        return self.least_s / 2
 
 
 def fit(runs: Sequence[PingRecord | Run | Path | str]) -> Result:
@@ -41,7 +88,7 @@ def fit(runs: Sequence[PingRecord | Run | Path | str]) -> Result:
     trips = round_trips(rtt_s)
     findings = [finding for record in records for finding in record.findings]
     if trips.are_correlated:
-        why = "and parts of the record differ" if trips.wander else f"fewer than {FEW_EFFECTIVE:.0f}"
+        why = "and parts of the record differ" if trips.wander else f"fewer than {_FEW_EFFECTIVE:.0f}"
         text = (
             f"{trips.answers} round trips are worth only {trips.effective:.0f} independent ones, {why}, as late "
             "answers follow each other: the uncertainties of mean and clock are rough."
@@ -74,6 +121,60 @@ def fit(runs: Sequence[PingRecord | Run | Path | str]) -> Result:
             *(() if line is None else (Dependent(_clock_line(line, stamped), *_clock_quantities(line, stamped)),)),
         ),
     )
+
+
+def round_trips(rtt_s: Array) -> RoundTrips:
+    """Return the statistics of round trips (n,) in s, in their order. Raises FitError for fewer than two."""
+    count = len(rtt_s)
+    if count < 2:
+        raise FitError(f"{count} round trip(s) have no standard deviation: at least two are needed.")
+    std_s, mean_s = float(np.std(rtt_s, ddof=1)), float(np.mean(rtt_s))
+    effective = count / correlation_inflation(rtt_s - mean_s, longest=count // _LONGEST)
+    freedom = max(round(effective) - 1, 1)
+    of_parts = _effective_of_parts(rtt_s)
+    if of_parts < effective:
+        effective, freedom = of_parts, min(freedom, _PARTS - 1)
+    mean_std_s = widened(std_s / math.sqrt(effective), freedom)
+    (median_s, p95_s), (median_std_s, p95_std_s) = (part.tolist() for part in quantiles(rtt_s))
+    return RoundTrips(
+        answers=count,
+        effective=effective,
+        mean_s=mean_s,
+        std_s=std_s,
+        mean_std_s=mean_std_s,
+        least_s=float(rtt_s.min()),
+        median_s=median_s,
+        median_std_s=median_std_s,
+        p95_s=p95_s,
+        p95_std_s=p95_std_s,
+        wander=math.isfinite(of_parts),
+    )
+
+
+def _effective_of_parts(rtt_s: Array) -> float:
+    """Return how many independent round trips the means of parts show, infinite where these means scatter by chance.
+
+    A latency that wanders slowly is a small part of each round trip, and hardly correlates neighbours.
+    """
+    length, variance = len(rtt_s) // _PARTS, float(np.var(rtt_s, ddof=1))
+    if length < _PARTS or not variance:
+        return math.inf
+    scatter = float(np.var(block_means(rtt_s, length=length), ddof=1)) / variance
+    return _PARTS / scatter if chdtrc(_PARTS - 1, (_PARTS - 1) * length * scatter) < _BY_CHANCE else math.inf
+
+
+def quantiles(rtt_s: Array) -> tuple[Array, Array]:
+    """Return the median and the 95th percentile of round trips (n,) in their order, and standard uncertainties.
+
+    These are the scatter over records of blocks drawn with replacement: a burst lies within a block.
+    """
+    blocks = np.array_split(rtt_s, min(_BLOCKS, len(rtt_s)))
+    rng = np.random.default_rng(0)
+    drawn = [
+        np.quantile(np.concatenate([blocks[place] for place in rng.integers(len(blocks), size=len(blocks))]), _SHARES)
+        for _ in range(_RESAMPLED)
+    ]
+    return np.quantile(rtt_s, _SHARES), np.std(drawn, axis=0, ddof=1)
 
 
 def _record(run: PingRecord | Run | Path | str) -> PingRecord:
@@ -112,28 +213,26 @@ def _trip_quantities(trips: RoundTrips) -> dict[str, Parameter]:
         "latency.rtt_mean_s": Parameter(value=trips.mean_s, std=trips.mean_std_s),
         "latency.rtt_std_s": Parameter(value=trips.std_s),
         "latency.rtt_min_s": Parameter(value=trips.least_s),
+        "latency.rtt_median_s": Parameter(value=trips.median_s, std=trips.median_std_s),
+        "latency.rtt_p95_s": Parameter(value=trips.p95_s, std=trips.p95_std_s),
     }
 
 
 def _clock_quantities(line: ClockLine, trips: RoundTrips) -> dict[str, Parameter]:
-    """Return the skew of the vehicle's clock and, if the host's times are dated, the host's time at that clock's zero.
+    """Return the skew of the vehicle's clock and, if the host's times are dated, the offset in the middle of the pings.
 
-    The latter assumes that the quickest answer took half its round trip.
+    The offset assumes that the quickest answer took half its round trip.
     """
     skew = {"latency.clock_skew": Parameter(value=line.skew, std=line.rate_std / line.rate**2)}
     if not _is_dated(line):
         return skew
-    offset = Parameter(value=line.offset_s - trips.offset_bound_s, std=_offset_std_s(line))
-    return {"latency.clock_offset_s": offset, **skew}
+    offset_s = line.middle_host_s - line.middle_device_s - trips.offset_bound_s
+    return {"latency.clock_offset_s": Parameter(value=offset_s, std=line.offset_std_s), **skew}
 
 
 def _is_dated(line: ClockLine) -> bool:
     """Return whether the host's times count from 1970, not from the start of a record."""
     return line.offset_s > _EARLIEST_S
-
-
-def _offset_std_s(line: ClockLine) -> float:
-    return hypot(line.offset_std_s, line.rate_std * line.middle_device_s)
 
 
 def _table(records: Sequence[PingRecord], rtt_s: Array) -> list[str]:
@@ -161,7 +260,14 @@ def _clock_line(line: ClockLine, trips: RoundTrips) -> str:
     if not _is_dated(line):
         return f"{rate}Times of sending since the begin of a record, not since 1970, show no offset of the clocks"
     return (
-        f"{rate}The standard uncertainty of its offset, {1e3 * _offset_std_s(line):.2f} ms, covers how answers "
-        "scatter; how the quickest round trip divides into its two ways is unknown, and moves the offset by up to "
-        f"{1e3 * trips.offset_bound_s:.2f} ms more"
+        f"{rate}The standard uncertainty of its offset in the middle, {1e3 * line.offset_std_s:.2f} ms, covers how "
+        "answers scatter; how the quickest round trip divides into its two ways is unknown, and moves the offset by "
+        f"up to {1e3 * trips.offset_bound_s:.2f} ms more"
     )
+
+
+def verdict(run: Run) -> str:
+    """Judge pings as soon as they are recorded. Raises FitError for fewer than two answers."""
+    mean_ms = 1e3 * fit([run]).quantities["latency.rtt_mean_s"].value
+    answers = run.header.devices[PINGS].rows
+    return f"{answers} of {run.header.requested['count']} answered, {mean_ms:.1f} ms on average."

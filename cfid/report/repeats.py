@@ -41,7 +41,7 @@ class Made:
 class Repeat:
     """A quantity's readings, one for each measurement (None if it lacks the quantity), and the test of their agreement.
 
-    Mean, chi-squared and `probability` are those of `estimate.repetition`. A cause of error that all readings share,
+    Mean, chi-squared and `probability` are those of `estimate.propagation`. A cause of error that all readings share,
     such as the gain of one load cell, causes no difference between them: test and drift leave it out, but the mean's
     uncertainty contains it. Drift is the last reading minus the first. The results are None where fewer than two
     readings count.

@@ -12,13 +12,12 @@ import numpy as np
 from cfid.console.facts import assumed
 from cfid.errors import ConfigError, DataError
 from cfid.estimate.held_readings import first_rows, rows_a_reading
-from cfid.estimate.rotation import turn_about_z
 from cfid.findings import Finding, merged, note, rejection, warning
 from cfid.large import empty, parts, usual_step
 from cfid.quantities.registry import Range
 from cfid.recordings.read import read_recording
 from cfid.recordings.sines import CROSSINGS, CrossingRecord, IndexRow, read_crossings, read_index
-from cfid.recordings.wrench import WrenchRecord, wrench_of
+from cfid.recordings.wrench import WrenchRecord, turn_about_z, wrench_of
 from cfid.records.parameters import Source
 from cfid.records.plausibility import Given, implausible_inputs
 from cfid.records.rig_file import NONE_STATED, LoadCellMount, RigFacts

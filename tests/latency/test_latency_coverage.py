@@ -7,8 +7,8 @@ import pytest
 from scipy.signal import lfilter
 
 from cfid.latency.clocks import clock_line
-from cfid.latency.estimation import round_trips
-from tests.coverage_rows import Array, Row
+from cfid.latency.result import quantiles, round_trips
+from tests.coverage_rows import Array, Row, reaches_93_percent
 
 EVERY_S, RATE, LEAST_S = 0.1, 1.00002, 0.005
 
@@ -99,3 +99,15 @@ def test_a_latency_that_wanders_over_a_minute_is_marked_in_ten_minutes_of_pings(
     for _ in range(20):
         wander = lfilter([1.0], [1.0, -decay], np.sqrt(1 - decay**2) * rng.standard_normal(3 * count))[-count:]
         assert round_trips(0.03 + rng.exponential(16e-3, count) + 5e-3 * wander).are_correlated
+
+
+@pytest.mark.parametrize("name", ["exponential", "gamma", "rounded", "bursts"])
+def test_median_and_percentile_lie_within_their_intervals(name: str) -> None:
+    rng = np.random.default_rng(7)
+    true_s = np.quantile(CHANNELS[name](400_000, rng)[0], (0.5, 0.95))
+    held = []
+    for _ in range(100):
+        value, std = quantiles(CHANNELS[name](2000, rng)[0])
+        held += (np.abs(value - true_s) < 1.96 * std).tolist()
+
+    assert reaches_93_percent(held)

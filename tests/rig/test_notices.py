@@ -48,8 +48,6 @@ def test_steps_that_do_not_settle_or_are_not_felt_are_said_once_after_the_second
     assert not any("30000" in text for text in said)
 
 
-
-
 def deafen(bench: Bench) -> None:
     """Let the load cell feel nothing from now on."""
     cell = bench.rig.loadcell.box.load_cell
