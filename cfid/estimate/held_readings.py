@@ -78,21 +78,28 @@ def first_rows(readings: Array, *, rows: int) -> Mask:
 
 
 def _changes(readings: Array) -> tuple[npt.NDArray[np.intp], Mask]:
-    """Return the rows (m,) in which any axis changes, and which of the changes exceed steps of the sensor (m,).
-
-    A step is the least change of an axis among readings of about the same size, as some sensors are coarser for large
-    ones.
-    """
+    """Return the rows (m,) in which any axis changes, and which of the changes exceed steps of the sensor (m,)."""
     changes, moves = np.zeros((2, len(readings)), dtype=bool)
     for axis in np.atleast_2d(readings.T):
         by = np.abs(np.diff(axis))
         rows = np.flatnonzero(by > _SAME * np.ptp(axis)) + 1 if len(by) else np.zeros(0, dtype=np.intp)
-        if not len(rows):
-            continue
-        size = np.abs(axis[rows])
-        _, alike = np.unique(np.log(np.maximum(size, _SAME * size.max())) // -np.log(_ALIKE), return_inverse=True)
-        step = np.full(alike.max() + 1, np.inf)
-        np.minimum.at(step, alike, by[rows - 1])
-        changes[rows] = True
-        moves[rows] |= by[rows - 1] > _STEPS * step[alike]
+        if len(rows):
+            changes[rows] = True
+            moves[rows] |= by[rows - 1] > _STEPS * _steps(axis)[rows]
     return np.flatnonzero(changes), moves[changes]
+
+
+def _steps(readings: Array) -> Array:
+    """Return the step (n,) of a sensor at each of its readings (n,): the least distance between values of like size.
+
+    Some sensors are coarser for large values. At a steady speed all changes are alike, and only values of different
+    turns show the step.
+    """
+    sizes = np.unique(np.abs(readings))
+    least = max(_SAME * float(sizes[-1]), np.finfo(float).tiny)
+    gaps = np.diff(sizes, append=np.inf)
+    gaps[gaps <= least] = np.inf
+    _, alike = np.unique(np.log(np.maximum(sizes, least)) // -np.log(_ALIKE), return_inverse=True)
+    smallest = np.full(alike.max() + 1, np.inf)
+    np.minimum.at(smallest, alike, gaps)
+    return np.asarray(smallest[alike][np.searchsorted(sizes, np.abs(readings))])

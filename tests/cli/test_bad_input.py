@@ -185,8 +185,9 @@ def test_friction_needs_weights_in_grams(cfid: Cfid, files: Path) -> None:
     refused(cfid("fit", "friction", f"heavy={drop}", "--json"), 2)
     refused(cfid("fit", "friction", f"-50={drop}", "--json"), 2)
     refused(cfid("fit", "friction", f"50={drop}", "--radius-mm", "0", "--json"), 2, "--radius-mm")
-    refused(cfid("fit", "friction", f"50={files / 'x.csv'}", "--json"), 4)
-    refused(cfid("fit", "friction", drop, "--json"), 4)
+    refused(cfid("fit", "friction", f"50={drop}", "--json"), 2, "radius")
+    refused(cfid("fit", "friction", f"50={files / 'x.csv'}", "--radius-mm", "2", "--json"), 4)
+    refused(cfid("fit", "friction", drop, "--radius-mm", "2", "--json"), 4)
 
 
 def test_a_dropped_weight_whose_clock_was_set_is_refused(cfid: Cfid, files: Path, tmp_path: Path) -> None:
@@ -194,7 +195,7 @@ def test_a_dropped_weight_whose_clock_was_set_is_refused(cfid: Cfid, files: Path
     late = [f"{float(row.split(',')[0]) + 1e9:.6f},{row.split(',')[1]}" for row in rows[1000:]]
     (tmp_path / "drop.csv").write_text("\n".join([head, *rows[:1000], *late, ""]))
 
-    refused(cfid("fit", "friction", "50=drop.csv", "--json"), 4, "drop.csv: ", "1e+09 s")
+    refused(cfid("fit", "friction", "50=drop.csv", "--radius-mm", "2", "--json"), 4, "drop.csv: ", "1e+09 s")
 
 
 def test_no_coefficients_are_no_transfer_function(cfid: Cfid, files: Path) -> None:
