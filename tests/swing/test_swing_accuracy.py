@@ -64,7 +64,10 @@ def inertia_errors(degrees: float, peaks: int, *, word: Word, stamp_s: float, co
     rng = np.random.default_rng(peaks)
     errors, scores = [], []
     for i in range(count):
-        found = find_swing(*polled(motion, i, word=word, stamp_s=stamp_s, rng=rng), peaks=peaks)
+        record = polled(motion, i, word=word, stamp_s=stamp_s, rng=rng)
+        found = find_swing(*record)
+        if found.peaks_used > peaks:
+            found = find_swing(*record, peaks=peaks)
         fit = fit_swing(found)
         frequency = fit.coefficients.natural_frequency_squared_s2
         errors.append(truth[i] / frequency - 1)  # I_a = m g r / W
