@@ -231,7 +231,7 @@ def _by_default(swing: FreeSwing) -> SwingEstimate:
             "accepted": fit.accepted,
             "rms": fit.residual_rms_rad,
             **{name: getattr(fit, name) for name in ("misfit", "distortion", "drift", "drift_std")},
-            "budget_s2": dict(fit.budget_s2),
+            "budget_s2": Dependent(dict(fit.budget_s2), FREQUENCY),
             **imperfections,
             **_window_merits(swing),
         },

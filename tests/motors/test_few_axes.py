@@ -44,8 +44,12 @@ def test_one_axis_gives_the_thrust_of_six(tmp_path: Path, of_fz: Run) -> None:
 
     assert one.accepted, one.findings
     name = "motor.thrust_poly"
-    assert np.array(one.quantities[name].value) == pytest.approx(np.array(six.quantities[name].value))
-    assert np.array(one.quantities[name].std) == pytest.approx(np.array(six.quantities[name].std))
+    # A tare's degrees of freedom are those of all axes of a record, which changes the weights a little.
+    values, stds = (
+        np.array([getattr(fit.quantities[name], field) for fit in (one, six)]) for field in ("value", "std")
+    )
+    assert np.all(np.abs(values[0] - values[1]) < 0.05 * stds[1])
+    assert stds[0] == pytest.approx(stds[1], rel=0.02)
     assert one.figures()
 
 
