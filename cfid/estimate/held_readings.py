@@ -90,16 +90,18 @@ def _changes(readings: Array) -> tuple[npt.NDArray[np.intp], Mask]:
 
 
 def _steps(readings: Array) -> Array:
-    """Return the step (n,) of a sensor at each of its readings (n,): the least distance between values of like size.
+    """Return the step (n,) of a sensor at each of its readings (n,): the median distance of values of like size.
 
     Some sensors are coarser for large values. At a steady speed all changes are alike, and only values of different
-    turns show the step.
+    turns show the step; single wrong readings lie between the others.
     """
-    sizes = np.unique(np.abs(readings))
-    least = max(_SAME * float(sizes[-1]), np.finfo(float).tiny)
-    gaps = np.diff(sizes, append=np.inf)
-    gaps[gaps <= least] = np.inf
-    _, alike = np.unique(np.log(np.maximum(sizes, least)) // -np.log(_ALIKE), return_inverse=True)
-    smallest = np.full(alike.max() + 1, np.inf)
-    np.minimum.at(smallest, alike, gaps)
-    return np.asarray(smallest[alike][np.searchsorted(sizes, np.abs(readings))])
+    values = np.unique(readings)
+    size, gaps = np.abs(values), np.diff(values, append=np.inf)
+    least = max(_SAME * float(size.max()), np.finfo(float).tiny)
+    _, alike = np.unique(np.log(np.maximum(size, least)) // -np.log(_ALIKE), return_inverse=True)
+    steps = np.full(alike.max() + 1, np.inf)
+    for group in range(len(steps)):
+        shown = gaps[(alike == group) & (gaps > least) & np.isfinite(gaps)]
+        if len(shown):
+            steps[group] = np.median(shown)
+    return np.asarray(steps[alike][np.searchsorted(values, readings)])
