@@ -10,9 +10,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from cfid.errors import DeviceError
 from cfid.records.files import RIG_FILE, RUNS_FOLDER
 from cfid.records.rig_file import load_rig, new_rig_text
 from cfid.records.run import Run, read_run
+from cfid.rig.link import Link
 from cfid.sim.devices import SimulatedRig
 from cfid.sim.faults import CrazyflieFaults, LoadCellFaults
 from cfid.sim.netft import Address
@@ -54,6 +56,19 @@ class Pilot(Command):
         return self.run_to_end()
 
 
+class BenchHardware(Virtual):
+    """A simulated rig whose vehicle refuses the next few links, as a radio that another program uses does."""
+
+    links_refused = 0
+
+    def link(self, uri: str) -> Link:
+        """Open a link. Raises DeviceError for one that is refused."""
+        if self.links_refused:
+            self.links_refused -= 1
+            raise DeviceError(f"{uri}: [Errno 16] Resource busy.")
+        return super().link(uri)
+
+
 class Bench:
     """The campaign's folder, and its simulated rig; `truth` contains tables of the truth file."""
 
@@ -68,7 +83,7 @@ class Bench:
         self._pilots: list[Pilot] = []
         self._keyboards: list[Keyboard] = []
         self._truth, self._hung_on = truth, hung_on
-        self.hardware = Virtual(self._rig, unix_s=UNIX_S, time=PausingClock())
+        self.hardware = BenchHardware(self._rig, unix_s=UNIX_S, time=PausingClock())
         self.rig = self.hardware.rig
         self.uri = self.hardware.find_vehicle()
 

@@ -5,7 +5,6 @@ import json
 import os
 import pty
 import re
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -202,15 +201,14 @@ def test_output_that_nobody_takes_costs_words_and_no_rows(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("reader", ["stopped", "gone"])
-def test_a_reader_that_takes_nothing_holds_up_no_program(monkeypatch: pytest.MonkeyPatch, reader: str) -> None:
+def test_a_reader_that_takes_nothing_holds_up_no_program(reader: str) -> None:
     reading, writing = os.pipe()
     os.set_blocking(writing, False)
     with contextlib.suppress(BlockingIOError):
         while os.write(writing, b"." * 4096):
             pass
     os.set_blocking(writing, True)
-    with os.fdopen(writing, "w") as full:
-        monkeypatch.setattr(sys, "stderr", full)
+    with os.fdopen(writing, "w") as full, contextlib.redirect_stderr(full):
         screen, begun_s = Screen(), time.monotonic()
         if reader == "gone":
             os.close(reading)

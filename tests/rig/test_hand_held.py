@@ -220,26 +220,28 @@ def opened(
     return hardware.run(main)
 
 
-@pytest.mark.parametrize(("make", "baud"), [(Ut372, 2400), (scales, 9600), (partial(Scales, baud=4800), 4800)])
+@pytest.mark.parametrize(
+    ("make", "baud", "sent"),
+    [(Ut372, 2400, PACKET), (scales, 9600, LINE), (partial(Scales, baud=4800), 4800, LINE)],
+)
 def test_ports_run_at_their_instruments_speed(
-    ends: tuple[int, str], make: Callable[[str], HandHeld], baud: int, monkeypatch: pytest.MonkeyPatch
+    ends: tuple[int, str], make: Callable[[str], HandHeld], baud: int, sent: bytes
 ) -> None:
     device, path = ends
     found: list[Any] = []
+    instrument = make(path)
 
     def act() -> None:
         found.extend(termios.tcgetattr(device))
-        os.write(device, PACKET)
+        os.write(device, sent)
 
-    def open_port(hardware: Hardware, receiver: Receiver) -> Any:
-        instrument = make(path)
-        monkeypatch.setattr(instrument, "received", receiver.received)
+    def open_port(hardware: Hardware, _: Receiver) -> Any:
         instrument.start(hardware)
         return instrument
 
-    received = opened(open_port, act)
+    opened(open_port, act)
 
-    assert received.data == PACKET
+    assert len(instrument.take().columns[0]) == 1
     assert found[4] == found[5] == getattr(termios, f"B{baud}")
     assert found[2] & termios.CSIZE == termios.CS8
     assert not found[2] & (termios.PARENB | termios.CSTOPB)

@@ -147,23 +147,13 @@ def test_a_stop_needs_no_campaign_where_the_address_is_given(tmp_path: Path) -> 
         assert RIG_FILE in stop.err
 
 
-def test_where_no_second_link_opens_the_whole_one_carries_the_stop(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_where_no_second_link_opens_the_whole_one_carries_the_stop(tmp_path: Path) -> None:
     with bench_in(tmp_path, crazyflie={"firmware": "stock"}) as bench, DeviceLock(bench.uri):  # by this process
         link = bench.hardware.link(bench.uri)
         drive(link)
         bench.hardware.pause(0.1)
         assert bench.motors == (0, 20000, 0, 0)
-        tries: list[str] = []
-
-        def opened(uri: str) -> Link:
-            tries.append(uri)
-            if len(tries) == 1:
-                raise DeviceError(f"{uri}: no.")
-            return type(bench.hardware).link(bench.hardware, uri)
-
-        monkeypatch.setattr(bench.hardware, "link", opened)
+        bench.hardware.links_refused = 1
         assert stop_vehicle(bench.uri, AppPorts(), bench.hardware, say=print).kind == "stock"
         assert not any(bench.motors)
 
