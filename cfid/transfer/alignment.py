@@ -211,7 +211,7 @@ def match_reports(sine: Sine, reports: Reports) -> Matched:
     if fits and len(place) < count:
         raise DataError(
             f"{count - len(place)} of {count} reports are missing, and without the vehicle's own stamps it is unknown "
-            "which: record it with cfid's app, or use --method thesis."
+            "which: record it with cfid's app, or use `method` thesis."
         )
     _check_course(sine, count, len(place), played, fits=fits and len(place) == count)
     # An exact middle may be one unit too low on board: the sine then crosses one sample later.
