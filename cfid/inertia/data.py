@@ -92,7 +92,7 @@ def measure(
         window = {"peaks": peaks_on(mount, peaks), "smallest_peak_rad": smallest_peak_rad}
         fitted = estimate(swing, threads, clock_std, method=method, **window)
         value, std = fitted.frequency
-        mounted.append(MountedSwing(axis=mount, value=value, std=std, name=swing.name))
+        mounted.append(replace(fitted.mounted(mount), name=swing.name))
         key = f"{gives}.{mount}"
         frequency = {"natural_frequency_squared_s2": Dependent(value, key), "std_s2": Dependent(std, key)}
         merits.append({"axis": mount, **frequency, **fitted.merits})

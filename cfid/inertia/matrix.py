@@ -21,7 +21,7 @@ from cfid.errors import FitError
 from cfid.estimate.linear import gain_of
 from cfid.findings import Finding, rejection, warning
 from cfid.quantities.values import ENTRIES
-from cfid.swing.body import BEYOND_STD, AxisInertias, budget, effects, numbers
+from cfid.swing.body import BEYOND_STD, OF_MOUNTS, AxisInertias, budget, effects, numbers, uncertain
 
 Array = npt.NDArray[np.float64]
 
@@ -68,8 +68,9 @@ class InertiaFit:
 def fit_inertia(axes: AxisInertias) -> InertiaFit:
     """Solve eq. 2.2 for the matrix, with weights from all uncertainties.
 
-    Any number of swings about any axes is possible, but the axes must determine all six entries. Swings that scatter
-    more than their uncertainties allow widen them by the Birge ratio.
+    Any number of swings about any axes is possible, but the axes must determine all six entries. A body that is hung
+    anew takes another place in its mount. Swings that scatter more than their uncertainties allow widen them by the
+    Birge ratio.
 
     Raises FitError when they do not.
     """
@@ -82,6 +83,7 @@ def fit_inertia(axes: AxisInertias) -> InertiaFit:
             "are needed for the six entries of the matrix. Swing about another axis; six that lie evenly are "
             "(0, 1, 1.618), (0, 1, -1.618), (1, 1.618, 0), (1, -1.618, 0), (1.618, 0, 1), (-1.618, 0, 1)."
         )
+    axes = _hung_anew(axes)
     solved = _solve(axes, np.arange(len(rows)))
     freedom = len(rows) - _UNKNOWNS
     contradictory = _contradictory(solved.chi_squared, freedom)
@@ -140,6 +142,39 @@ def fit_inertia(axes: AxisInertias) -> InertiaFit:
         suspects=suspects,
         findings=(*findings, *_small_moment(as_matrix(entries), solved.covariance), *distances_apart(axes)),
     )
+
+
+def _hung_anew(axes: AxisInertias) -> AxisInertias:
+    """Return the inertias with what each hanging of a body leaves uncertain, where swings about a mount are repeated.
+
+    The share of a mount's errors that each hanging has anew is that by which such swings scatter beyond their fits
+    [DL], and at most the whole: swings that differ further contradict each other.
+    """
+    names = [swing.axis for swing in axes.swings]
+    repeated = [np.flatnonzero([one == name for one in names]) for name in dict.fromkeys(names)]
+    repeated = [places for places in repeated if len(places) > 1]
+    rows = matrix_rows(axes.direction)
+    entries = np.linalg.lstsq(numbers(rows), numbers(axes.about_centre_kg_m2), rcond=None)[0]
+    residual = axes.about_centre_kg_m2 - rows @ entries  # a tilt moves an axis' row, too
+    moved, causes = effects(residual)
+    fits, mounts = (
+        np.linalg.norm(moved[:, [cause.tag in tags for cause in causes]], axis=1)
+        for tags in (("swing fits",), OF_MOUNTS)
+    )
+    excess = expected = 0.0
+    for places in repeated:
+        if not fits[places].all():
+            return axes
+        weight, values = fits[places] ** -2.0, numbers(residual[places])
+        excess += float(weight @ (values - weight @ values / weight.sum()) ** 2) - (len(places) - 1)
+        expected += float((weight - weight**2 / weight.sum()) @ mounts[places] ** 2)
+    if excess <= 0 or not expected:
+        return axes
+    about_centre = axes.about_centre_kg_m2.copy()
+    for place in np.concatenate(repeated):
+        std = math.sqrt(min(excess / expected, 1.0)) * mounts[place]
+        about_centre[place] = about_centre[place] + uncertain(0.0, std, "hangings")
+    return axes._replace(about_centre_kg_m2=about_centre)
 
 
 class _Solved(NamedTuple):

@@ -198,5 +198,5 @@ def _budget_lines(fit: InertiaFit) -> list[Dependent]:
     for group, share in fit.budget.items():
         diagonal = 1e9 * np.mean(np.diag(share))
         products = 1e9 * np.mean([share[place] for place in PRODUCTS])
-        lines.append(f"  {group:<18}{diagonal:9.1f}{products:9.1f}")
+        lines.append(f"  {group:<20}{diagonal:9.1f}{products:9.1f}")
     return [Dependent(line, MATRIX) for line in lines]

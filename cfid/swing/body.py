@@ -34,7 +34,7 @@ Measured = tuple[float | None, float | None]  # a number and its standard uncert
 FIXTURE = "fixture"
 BEYOND_STD = 4.0  # a larger error in a body's inertia is not noise
 _APART_STD = 4.0  # between a stated direction and a gyro's: beyond, one of them is wrong
-_HANGING = 3e-4  # of W: by how much a body that is hung anew on the same mount swings differently
+OF_MOUNTS = "mount distances", "axis directions", "threads"  # causes
 _GIVEN = "given"  # the mount made from a distance that is given as a number
 _DISTANCE = Range(5e-4, 0.3, "a mount lies within the arms of a vehicle of 1 kg")
 _CENTRE = Range(-0.3, 0.3, "it lies between the rotors")
@@ -46,12 +46,15 @@ _WEIGHED = tuple(f"vehicle.{key}" for key in ("mass_kg", "mass_std_kg", "centre_
 class MountedSwing:
     """A measurement about one mount: a natural frequency squared, or an axis inertia that is already known.
 
-    `value` is in s^-2 when `known` is false, else in kg m^2. `name` is that of the recording.
+    `value` is in s^-2 when `known` is false, else in kg m^2, and `std` what the swing alone leaves uncertain of it. The
+    clock of `timed_by`, which other swings share, adds the relative `clock_std`. `name` is that of the recording.
     """
 
     axis: str
     value: float
     std: float
+    clock_std: float = 0.0
+    timed_by: str = "encoder"
     name: str = ""
     known: bool = False
 
@@ -138,8 +141,7 @@ def budget(moved: Array, causes: Sequence[Any]) -> dict[str, Array]:
 def axis_inertias(swings: Sequence[MountedSwing], body: SwungBody, around: Surroundings) -> AxisInertias:
     """Return the inertias of a body about the axes of its swings.
 
-    A mount's errors are common to its swings; a body that is hung anew swings a little differently. Raises ConfigError
-    for a fixture whose inertia is not known.
+    A mount's errors are common to its swings. Raises ConfigError for a fixture whose inertia is not known.
     """
     mass = uncertain(body.mass_kg, body.mass_std_kg, "mass")
     gravity = uncertain(around.gravity_mps2, around.gravity_std_mps2, "gravity")
@@ -154,12 +156,13 @@ def axis_inertias(swings: Sequence[MountedSwing], body: SwungBody, around: Surro
     fixture_moment, fixture_inertia = _fixture(around, gravity) if on_axis else (0.0, 0.0)
     names = [swing.axis for swing in swings]
     placed = {name: _placed(body.mounts[name], centre) for name in dict.fromkeys(names)}
+    clocks = {name: ufloat(0.0, 1.0, f"clock of the {name}") for name in {swing.timed_by for swing in swings}}
     about_axis, about_centre, distances, directions = [], [], [], []
     for swing in swings:
         distance, lever, direction = placed[swing.axis]
         value = uncertain(swing.value, swing.std, "swing fits")
-        if names.count(swing.axis) > 1 and not swing.known:
-            value = value * uncertain(1.0, _HANGING, "hangings")
+        if swing.clock_std:
+            value = value * (1 + swing.clock_std * clocks[swing.timed_by])
         if swing.known:
             inertia = value
         elif swing in on_axis:

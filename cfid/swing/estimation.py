@@ -264,13 +264,12 @@ def _judged(swing: FreeSwing, fit: OutputError, known: _Posterior, step_error: f
     values = fit.values + change
     frequency = float(values[0])
     push_s2 = max(-fit.coefficients.spring_per_s2, 0.0) if known.pull_std < -_SURE_STD else 0.0
-    instrument = "encoder" if swing.rate_rad_per_s is None else "vehicle"
     shares = {
         "noise and friction": math.sqrt(known.least_variance),
         # What the fit without a cable and that with a spring that pushes state for W, as the ends of an interval.
         "cable or encoder": math.hypot(math.sqrt(max(variance[0] - known.least_variance, 0.0)), push_s2 / math.sqrt(3)),
         "grid": step_error,
-        f"clock of the {instrument}": 2 * frequency * swing.time_scale_std,
+        f"clock of the {swing.timed_by}": 2 * frequency * swing.time_scale_std,
         "scatter between windows": _scatter_of_windows(fit, time, swing.period_s),
     }
     std = np.sqrt(variance)

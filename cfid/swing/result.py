@@ -109,8 +109,7 @@ def fit(
     checks, lines = _thesis_checks(swing)
     if hung is not None:
         body, mount = hung
-        measured = MountedSwing(axis=mount, value=frequency, std=frequency_std)
-        given = axis_inertias([measured], body, around)
+        given = axis_inertias([swing.mounted(mount)], body, around)
         (inertia,), (about_centre,) = given.about_axis_kg_m2, given.about_centre_kg_m2
         quantities[INERTIA] = _parameter(inertia)
         if swing.window is not None:
@@ -185,6 +184,20 @@ class SwingEstimate:
     def frequency(self) -> tuple[float, float]:
         """The natural frequency squared and its standard uncertainty."""
         return self.coefficients.natural_frequency_squared_s2, self.std.natural_frequency_squared_s2
+
+    def mounted(self, mount: str) -> MountedSwing:
+        """Return the natural frequency squared as a measurement about a mount, the clock's part by itself."""
+        value, std = self.frequency
+        if not isinstance(self.fitted, SwingFit) or self.window is None:
+            return MountedSwing(axis=mount, value=value, std=std)
+        clock_std = 2 * self.window.time_scale_std
+        return MountedSwing(
+            axis=mount,
+            value=value,
+            std=math.sqrt(max(std**2 - (clock_std * value) ** 2, 0.0)),
+            clock_std=clock_std,
+            timed_by=self.window.timed_by,
+        )
 
 
 def estimate(

@@ -84,6 +84,11 @@ class FreeSwing:
         return float(self.time_s[self.release])
 
     @property
+    def timed_by(self) -> str:
+        """Whose clock stamps the readings."""
+        return "encoder" if self.rate_rad_per_s is None else "vehicle"
+
+    @property
     def free(self) -> tuple[Array, Array]:
         """The times and angles from the release on, which the thesis fits."""
         window = slice(self.release, self.end + 1)

@@ -1,6 +1,7 @@
 """From axis inertias to the matrix: the thesis' own numbers, and properties that must hold for any rig."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -179,8 +180,19 @@ def test_repeated_swings_share_their_mounts_error() -> None:
     first, four = (fit_inertia(axis_inertias(once * n, body, SITE)) for n in (1, 4))
 
     # The noise of the swings averages out, but the error of the mount's distance does not.
-    assert four.budget["mount distances"] == pytest.approx(first.budget["mount distances"], rel=0.02)
+    assert four.std_kg_m2 == pytest.approx(first.std_kg_m2, rel=0.02)
     assert np.all(four.budget["swing fits"] < 0.55 * first.budget["swing fits"])
+
+
+def test_swings_timed_by_one_clock_share_its_error() -> None:
+    body = body_with({name: mount_along(direction, point_std_mm=0.0) for name, direction in AXES.items()})
+    timed = [replace(swing, clock_std=1e-3) for swing in swings_of(body, std=0.0)]
+    fit = fit_inertia(axis_inertias(timed, body, SITE))
+    expected = fit_inertia(axis_inertias([replace(s, value=1.001 * s.value, clock_std=0.0) for s in timed], body, SITE))
+
+    assert fit.budget["clock of the encoder"] == pytest.approx(
+        np.abs(expected.matrix_kg_m2 - fit.matrix_kg_m2), rel=2e-3
+    )
 
 
 def test_the_budget_adds_up_to_the_standard_uncertainty() -> None:
