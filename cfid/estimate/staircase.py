@@ -63,6 +63,8 @@ _LEAST_HEIGHT = 0.02  # of the highest step: limits for lower steps do not becom
 _FEWEST_BLOCKS, _MOST_BLOCKS = 3, 24
 _FEWEST_IN_BASELINE = 2  # readings: an uncertain tare is better than none
 _SEEN, _SILENT = 3.0, "no thrust is seen"  # the first is in standard uncertainties
+# Standard deviations that the noise of 24 blocks exceeds in one of 1000 windows: of a slope, of von Neumann's ratio.
+_SLOPE, _ALIKE = 4.0, 3.0
 
 # Readings of another level
 _FAR = 6.0  # times the median distance: four standard deviations of noise, and beyond any vibration's crest
@@ -549,8 +551,8 @@ def steady_stretch(
     runs = Runs.of(block_means(inside.value, length=length)[:count], fewest=_FEWEST_BLOCKS)
     whole = runs.size == count
     change, spread = np.abs(runs.slope) * count, runs.slope_std * count
-    flat = np.where(whole, (change <= drift) | (change <= 3 * spread), change + 2 * spread <= drift)
-    steady = flat & ((runs.wave <= wave) | whole & (runs.alike <= 3)) & (4 * runs.size >= count)
+    flat = np.where(whole, (change <= drift) | (change <= _SLOPE * spread), change + 2 * spread <= drift)
+    steady = flat & ((runs.wave <= wave) | whole & (runs.alike <= _ALIKE)) & (4 * runs.size >= count)
     if not steady.any():
         changed, waved = (
             f"{size:.2g}" if height is None else f"{100 * size / height:.2g} % of its height"
