@@ -1,6 +1,7 @@
 """Run the demo's fits with the operator's own commands, and print the true values next to the estimates."""
 
 import math
+import os
 import subprocess
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -68,6 +69,9 @@ class _Processes:
     def __init__(self, campaign: Campaign, *, figures: bool) -> None:
         """Prepare to run commands, without starting a process."""
         self._folder, self._drawn = campaign.folder, [] if figures else ["--no-figures"]
+        # The recordings' commands change the environment meanwhile (typer does): a process that then starts with it
+        # reads freed memory.
+        self._environment = dict(os.environ)
         self._started: list[subprocess.Popen[str]] = []
 
     def run(self, words: str) -> tuple[int, str, str]:
@@ -76,6 +80,7 @@ class _Processes:
         process = subprocess.Popen(
             cfid_command(*words.split(), *drawn),
             cwd=self._folder,
+            env=self._environment,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
