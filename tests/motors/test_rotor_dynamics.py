@@ -12,7 +12,7 @@ from scipy.stats import chi2
 from cfid.errors import FitError
 from cfid.motors.steps.data import SpeedRecord
 from cfid.motors.steps.estimation import fit_steps
-from cfid.motors.steps.model import command_steps, followed
+from cfid.motors.steps.model import Lag, command_steps, followed
 from cfid.motors.steps.result import fit
 from cfid.motors.steps.rotor_model import fit_rotor_model
 from cfid.motors.steps.sag import LoggedBattery
@@ -308,3 +308,16 @@ def test_slow_starts_from_standstill_are_named_and_left_out_of_the_rotor_model(s
 
     assert ("rotor-starts-slowly" in [one.code for one in result.findings]) is slow
     assert rising.value[0] + 2 * 1500 * rising.value[1] == pytest.approx(1 / tau_s, rel=0.03)
+
+
+@pytest.mark.parametrize("off", [0.0, 1e-12, -1e-12, 1e-9])
+def test_a_rotor_that_heads_for_the_speed_where_its_rate_vanishes_runs_out_smoothly(off: float) -> None:
+    """Steps to command 0 may lead there, where k1 + 2 k2 c = 0; a formula that divides by the rate leaves noise."""
+    linear, quadratic, begin = 0.57, 0.00197, 440.0
+    end = -linear / (2 * quadratic) * (1 + off)
+    time_s = np.linspace(0.0, 3.0, 31)
+
+    speed = Lag(0.0, begin, end, linear, quadratic).speed(time_s)
+
+    gap = end - begin
+    assert speed == pytest.approx(end - gap / (1 - quadratic * gap * time_s), abs=1e-5)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import roots_jacobi
+from scipy.special import exprel, roots_jacobi
 
 from cfid.errors import FitError
 from cfid.estimate.signals import block_means
@@ -75,8 +75,10 @@ class Lag(NamedTuple):
     def speed(self, time_s: Array) -> Array:
         """Solve the rotor model in closed form: the inverse of the gap to the end obeys a linear equation."""
         gap, rate = self.end - self.begin, self.linear + 2 * self.quadratic * self.end
-        grown = np.exp(np.minimum(rate * np.maximum(time_s - self.delay_s, 0.0), 500.0))
-        return self.end - gap * rate / ((rate - self.quadratic * gap) * grown + self.quadratic * gap)
+        passed_s = np.maximum(time_s - self.delay_s, 0.0)
+        decay = np.minimum(rate * passed_s, 500.0)
+        # exprel is exact also where the rate vanishes: a rotor that runs out may head there.
+        return self.end - gap / (np.exp(decay) - self.quadratic * gap * passed_s * exprel(decay))
 
     def sagging(self, sag: Sag | None) -> "Lag":
         """Return the lag of the same rotor on a battery: the speed it heads for falls with a power of speed, to `end`.
