@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from cfid.quantities.registry import EXPERIMENTS
+from cfid.experiments import EXPERIMENTS
 from cfid.records.campaign import find_campaign
 from cfid.records.files import RIG_FILE
 from cfid.records.fits import Fit, keep_fit, list_fits, path_of

@@ -11,17 +11,9 @@ from cfid.console.live import LiveLine
 from cfid.console.options import positive
 from cfid.console.recording import KeepOptions, Lasting, record, refuse_mixture, rehearse, rig_of
 from cfid.console.vehicle import LinkOptions, reach
-from cfid.lazy import later
+from cfid.experiments import judge_of
 
 _CABLE_MS, _RADIO_MS = 1, 10  # between rows of gyro and accelerometer
-
-_JUDGES = {
-    "encoder": later("cfid.swing.verdict", "of_no_mount"),
-    "gyro": later("cfid.swing.verdict", "of_no_mount"),
-    "swing": later("cfid.swing.verdict", "verdict"),
-    "drop": later("cfid.friction.verdict", "verdict"),
-    "loadcell": later("cfid.loadcell.verdict", "verdict"),
-}
 
 
 @flat
@@ -64,7 +56,7 @@ def encoder(
     live = LiveLine(quiet=keep.quiet)
     with ExitStack() as held:
         device = ready_encoder(setting, rig.hardware, held, counts_per_turn=counts_per_turn, say=live.say)
-        record("log encoder", plan, [device], live, keep, hardware=rig.hardware, judge=_JUDGES.get(plan.kind))
+        record("log encoder", plan, [device], live, keep, hardware=rig.hardware, judge=judge_of(plan.kind))
 
 
 @flat
@@ -105,7 +97,7 @@ def gyro(
         ready = reach(vehicle, rig, held)
         ready.refuse_driven()
         device = ready.inertial_log(log_ms or (_RADIO_MS if ready.uri.startswith("radio:") else _CABLE_MS))
-        record("log gyro", plan, [device], live, keep, hardware=rig.hardware, judge=_JUDGES.get(plan.kind))
+        record("log gyro", plan, [device], live, keep, hardware=rig.hardware, judge=judge_of(plan.kind))
 
 
 @flat
@@ -153,4 +145,4 @@ def loadcell(
     live = LiveLine(quiet=keep.quiet)
     with ExitStack() as held:
         device = ready_loadcell(setting, rig.hardware, held, buffered=not real_time, bias=bias, say=live.say)
-        record("log loadcell", plan, [device], live, keep, hardware=rig.hardware, judge=_JUDGES["loadcell"])
+        record("log loadcell", plan, [device], live, keep, hardware=rig.hardware, judge=judge_of("loadcell"))

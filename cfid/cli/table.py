@@ -3,6 +3,10 @@
 Lists and the `--help` of a group are printed from this table alone, so that they import no command's module.
 """
 
+from cfid.experiments import EXPERIMENTS
+
+_TRANSFER, _LATENCY = ((EXPERIMENTS[name].function, EXPERIMENTS[name].line) for name in ("tf", "latency"))
+
 COMMANDS: dict[str, tuple[str | None, str]] = {
     "demo": (
         "cfid.demo.command:demo",
@@ -138,67 +142,14 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
         "Recover a vehicle that crashed, once it is upright: stop its motors, recover it, and check its state.",
     ),
     "fit": (None, "Estimate parameters from recordings."),
-    "fit swing": (
-        "cfid.swing.command:swing",
-        "Fit the nonlinear equation of a pendulum to one swing, with the damping that the data support.",
-    ),
-    "fit friction": (
-        "cfid.friction.command:friction",
-        "Fit the friction of the swing's axis to weights dropped on a line wound around it.",
-    ),
-    "fit inertia": (
-        "cfid.inertia.command:inertia",
-        "Fit the inertia matrix about the centre of mass to six or more swings about any axes.",
-    ),
-    "fit testbody": (
-        "cfid.inertia.command:testbody",
-        "Compare the test body's measured inertias with those calculated from its drawing (table 2.5).",
-    ),
-    "fit loadcell": (
-        "cfid.loadcell.command:loadcell",
-        "Fit gain, cross-talk and linearity of the load cell to weights hung at known places.",
-    ),
-    "fit thrust": (
-        "cfid.motors.maps.command:thrust",
-        "Fit one motor's thrust over command, its inverse and largest thrust, and thrust over a logged voltage.",
-    ),
-    "fit speed": (
-        "cfid.motors.maps.command:speed",
-        "Fit one rotor's speed over command; a tachometer's readings are divided by --markers.",
-    ),
-    "fit torque": ("cfid.motors.maps.command:torque", "Fit one motor's torque over its thrust."),
-    "fit rotor": (
-        "cfid.motors.vibration.command:rotor",
-        "Estimate rotor speeds from the load cell's vibration, in each steady window or between --from and --to.",
-    ),
-    "fit dynamics": (
-        "cfid.motors.steps.command:dynamics",
-        "Fit how rotors follow commands: a lag to each step and one rotor model, or one lag to a flight log.",
-    ),
-    "fit flight": (
-        "cfid.flight.command:flight",
-        "Fit thrust, lag, moments of inertia and drag to flight logs, as far as the flights excite them.",
-    ),
-    "fit drag": (
-        "cfid.drag.command:drag",
-        "Fit the simple, cross-coupling and complex drag models, and choose the one that the data support.",
-    ),
-    "fit tf": (
-        "cfid.transfer.command:identify",
-        "Identify thrust over command: gain, time constant and delay, from sines of many frequencies (section 3.4).",
-    ),
+    **{row.fit: (row.function, row.line) for row in EXPERIMENTS.values() if row.fit.startswith("fit ")},
+    "fit tf": _TRANSFER,
     "tf": (None, "Identify and check the transfer function of motor and rotor."),
-    "tf identify": (
-        "cfid.transfer.command:identify",
-        "Identify thrust over command: gain, time constant and delay, from sines of many frequencies (section 3.4).",
-    ),
+    "tf identify": _TRANSFER,
     "tf verify": (
         "cfid.transfer.command:verify",
         "Simulate the campaign's transfer function, or one given by its coefficients, against runs left out of the "
         "fit.",
     ),
-    "tf latency": (
-        "cfid.latency.command:latency",
-        "Report round trips of pings, and the vehicle's clock offset and skew if it stamped its answers.",
-    ),
+    "tf latency": _LATENCY,
 }

@@ -10,44 +10,17 @@ from pydantic import TypeAdapter, ValidationError
 
 from cfid.console.flat import options_that_count
 from cfid.console.options import Delivery
-from cfid.drag.command import drag
 from cfid.errors import ConfigError, DataError
-from cfid.flight.command import flight
-from cfid.friction.command import friction
-from cfid.inertia.command import inertia, testbody
-from cfid.latency.command import latency
-from cfid.loadcell.command import loadcell
-from cfid.motors.maps.command import speed, thrust, torque
-from cfid.motors.steps.command import dynamics
-from cfid.motors.vibration.command import rotor
+from cfid.experiments import EXPERIMENTS, function_at
 from cfid.quantities.values import is_rows
 from cfid.records.fits import Fit
 from cfid.records.result import Result
-from cfid.swing.command import swing
-from cfid.transfer.command import identify
 
 Method = Literal["default", "thesis"]
 Command = Callable[..., None]
 
 NO_CHANGES: Mapping[str, str] = MappingProxyType({})
 LABELS = "labels"  # the option that contains the labels typed for runs, such as 20:0.1=RUN
-
-_COMMANDS: Mapping[str, Command] = {
-    "fit swing": swing,
-    "fit friction": friction,
-    "fit inertia": inertia,
-    "fit testbody": testbody,
-    "fit loadcell": loadcell,
-    "fit thrust": thrust,
-    "fit speed": speed,
-    "fit torque": torque,
-    "fit rotor": rotor,
-    "fit dynamics": dynamics,
-    "fit flight": flight,
-    "fit drag": drag,
-    "tf identify": identify,
-    "tf latency": latency,
-}
 
 
 def changes_of(words: Sequence[str], method: Method | None) -> dict[str, str]:
@@ -56,7 +29,7 @@ def changes_of(words: Sequence[str], method: Method | None) -> dict[str, str]:
     Raises ConfigError for a word without a value, and for an option that no fit has.
     """
     found = {} if method is None else {"method": str(method)}
-    known = {name for command in _COMMANDS.values() for name in options_that_count(command)} - {"force"}
+    known = {name for row in EXPERIMENTS.values() for name in options_that_count(function_at(row.function))} - {"force"}
     for word in words:
         name, sign, value = word.partition("=")
         key = name.strip().lstrip("-").replace("-", "_")
@@ -106,10 +79,10 @@ def _with_labels(runs: Sequence[Path], typed: Sequence[str]) -> list[str]:
 
 
 def _command_of(kept: Fit) -> Command:
-    command = _COMMANDS.get(kept.command)
-    if command is None:
+    place = next((row.function for row in EXPERIMENTS.values() if row.fit == kept.command), None)
+    if place is None:
         raise DataError(f"`cfid {kept.command}` is not repeated from its file: fit it by hand.")
-    return command
+    return function_at(place)
 
 
 def _checked(name: str, value: Any, taken: Mapping[str, inspect.Parameter]) -> Any:

@@ -4,6 +4,7 @@ import random
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from cfid.experiments import EXPERIMENTS
 from cfid.records.rig_file import CampaignKind, Rig
 from cfid.records.run import Label, RunHeader
 
@@ -15,32 +16,10 @@ KINDS: Mapping[CampaignKind, tuple[str, ...]] = {
     "motors": ("thrust", "torque", "speed", "latency", "tf"),
     "afternoon": ("inertia", "thrust", "torque"),
 }
-FITS: Mapping[str, Words] = {
-    "inertia": ("fit", "inertia"),
-    "friction": ("fit", "friction"),
-    "thrust": ("fit", "thrust"),
-    "torque": ("fit", "torque"),
-    "speed": ("fit", "speed"),
-    "latency": ("tf", "latency"),
-    "tf": ("tf", "identify"),
-    "drag": ("fit", "drag"),
-}
 
 _WEIGHTS_G = (20, 30, 40)
 _WINDS = 6
 _ABOVE_IDLE: Words = ("--from", "8000", "--motor", "1,2,3,4")  # for a Brushless: unused rotors idle at 7000, and pull
-
-
-AIMS: Mapping[str, tuple[str, ...]] = {
-    "inertia": ("inertia.matrix_kg_m2",),
-    "friction": ("friction.viscous_nms_per_rad",),
-    "thrust": ("motor.max_thrust_n", "motor.hover_mass_kg"),
-    "torque": ("motor.torque_poly",),
-    "speed": ("motor.speed_poly",),
-    "latency": ("latency.rtt_mean_s",),
-    "tf": ("tf.time_constant_s",),
-    "drag": ("drag.simple_kg_per_rad",),
-}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,7 +97,12 @@ def tasks(
         "drag": (_STILL, *[_WINDY] * _WINDS),
     }
     return tuple(
-        Task(section=name, recordings=recordings[name], fit=FITS[name], aims=AIMS[name])
+        Task(
+            section=name,
+            recordings=recordings[name],
+            fit=tuple(EXPERIMENTS[name].fit.split()),
+            aims=EXPERIMENTS[name].aims,
+        )
         for name in KINDS[kind or rig.campaign.kind]
         if recordings[name]
     )

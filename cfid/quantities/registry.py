@@ -89,18 +89,6 @@ class Quantity:
     aim: Aim | None = None
 
 
-@dataclass(frozen=True)
-class FitKind:
-    """A kind of fit: its title, how to record and fit it where no quantity states that, and its method's revision.
-
-    The revision grows when the method finds other numbers in the same recordings: earlier fits then no longer count.
-    """
-
-    title: str
-    measured_by: str = ""
-    revision: int = 1
-
-
 UNITS = {  # by the ending of a name
     "kg_m2": "kg m^2",
     "rad_per_s": "rad/s",
@@ -120,26 +108,6 @@ UNITS = {  # by the ending of a name
     "a": "A",
 }
 
-
-EXPERIMENTS = {
-    "swing": FitKind("Swing"),
-    "friction": FitKind("Friction of the axis"),
-    "inertia": FitKind(
-        "Inertia matrix",
-        "six swings or more, about six mounts, with `cfid log encoder`, then `cfid fit inertia RUN ...`",
-    ),
-    "testbody": FitKind("Test body"),
-    "loadcell": FitKind("Load cell"),
-    "thrust": FitKind("Command to thrust", "`cfid log thrust`, then `cfid fit thrust RUN`"),
-    "speed": FitKind("Command to rotor speed", "`cfid log speed`, then `cfid fit speed RUN`"),
-    "torque": FitKind("Thrust to torque", "`cfid log thrust`, then `cfid fit torque RUN`"),
-    "rotor": FitKind("Rotor speed from vibration"),
-    "dynamics": FitKind("Rotor dynamics"),
-    "tf": FitKind("Transfer function of motor and rotor", "`cfid log sine`, then `cfid tf identify RUN ...`"),
-    "latency": FitKind("Latency of the link"),
-    "flight": FitKind("Flight"),
-    "drag": FitKind("Drag", "`cfid log wind`, then `cfid fit drag RUN ...`"),
-}
 
 _INERTIA = Range(1e-6, 2e-2, "10 g on an axis 10 mm away to 1 kg on one 140 mm away")
 _BODY = Range(1e-7, 1e-2, "blocks of a few grams to a few hundred; the thesis' has 1.6e-5")

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 from pydantic import BaseModel, ConfigDict
 
 from cfid.errors import ConfigError, RejectedError
+from cfid.experiments import EXPERIMENTS
 from cfid.findings import joined, texts
-from cfid.quantities.registry import EXPERIMENTS
 from cfid.records.choose import choose_one
 from cfid.records.files import (
     FITS_FOLDER,

@@ -17,7 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from uncertainties import UFloat
 
-from cfid.quantities.registry import EXPERIMENTS, QUANTITIES, Shape, find, is_of_the_run
+from cfid.experiments import EXPERIMENTS
+from cfid.quantities.registry import QUANTITIES, Shape, find, is_of_the_run
 from cfid.records.covariances import Covariance, numbers_of
 from cfid.records.fits import BY_HAND, Fit
 from cfid.records.parameters import Parameter, Section, plain

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
+from cfid.experiments import EXPERIMENTS
 from cfid.findings import Finding, begun, rejection, texts
-from cfid.quantities.registry import EXPERIMENTS
 from cfid.records.files import lies_in
 from cfid.records.fits import Fit
 from cfid.records.parameters import Source

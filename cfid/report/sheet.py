@@ -9,7 +9,8 @@ from datetime import datetime
 from pathlib import PurePath
 from typing import NamedTuple
 
-from cfid.quantities.registry import EXPERIMENTS, Quantity, Shape, registered
+from cfid.experiments import EXPERIMENTS
+from cfid.quantities.registry import Quantity, Shape, registered
 from cfid.quantities.values import Number, coefficient_units
 from cfid.records.files import RUNS_FOLDER
 from cfid.records.fits import BY_HAND

@@ -2,7 +2,8 @@
 
 import pytest
 
-from cfid.quantities.registry import EXPERIMENTS, QUANTITIES, Shape, find, registered, unit_of
+from cfid.experiments import EXPERIMENTS
+from cfid.quantities.registry import QUANTITIES, Shape, find, registered, unit_of
 from cfid.quantities.values import coefficient_units, evaluate, numbers, shape_error
 
 SYMMETRIC = [[1.0, 4.0, 5.0], [4.0, 2.0, 6.0], [5.0, 6.0, 3.0]]

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from cfid.quantities.registry import EXPERIMENTS
+from cfid.experiments import EXPERIMENTS
 from cfid.records.campaign import open_campaign
 from cfid.records.fits import Fit, withdraw
 from cfid.records.parameters import Parameter, Section, Source
