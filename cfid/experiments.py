@@ -84,7 +84,7 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         title="Command to rotor speed",
         fit="fit speed",
         function="cfid.motors.maps.command:speed",
-        line="Fit one rotor's speed over command; a tachometer's readings are divided by --markers.",
+        line="Fit one rotor's speed over command; a tachometer's readings are divided by its markers.",
         measured_by="`cfid log speed`, then `cfid fit speed RUN`",
         aims=("motor.speed_poly",),
     ),
@@ -100,7 +100,7 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         title="Rotor speed from vibration",
         fit="fit rotor",
         function="cfid.motors.vibration.command:rotor",
-        line="Estimate rotor speeds from the load cell's vibration, in each steady window or between --from and --to.",
+        line="Estimate rotor speeds from the load cell's vibration, in each steady window or a given one.",
     ),
     "dynamics": Experiment(
         title="Rotor dynamics",

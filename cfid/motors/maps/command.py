@@ -147,7 +147,7 @@ def speed(
     delivery: Delivery,
     method: Method = "default",
 ) -> None:
-    """Fit one rotor's speed over command; a tachometer's readings are divided by --markers.
+    """Fit one rotor's speed over command; a tachometer's readings are divided by its markers.
 
     Without a tachometer, the speed is estimated from the load cell's vibration.
 

@@ -78,7 +78,7 @@ class Lag(NamedTuple):
         passed_s = np.maximum(time_s - self.delay_s, 0.0)
         decay = np.minimum(rate * passed_s, 500.0)
         # exprel is exact also where the rate vanishes: a rotor that runs out may head there.
-        return self.end - gap / (np.exp(decay) - self.quadratic * gap * passed_s * exprel(decay))
+        return np.asarray(self.end - gap / (np.exp(decay) - self.quadratic * gap * passed_s * exprel(decay)))
 
     def sagging(self, sag: Sag | None) -> "Lag":
         """Return the lag of the same rotor on a battery: the speed it heads for falls with a power of speed, to `end`.

@@ -60,7 +60,7 @@ def rotor(
     rig: RigOptions,
     delivery: Delivery,
 ) -> None:
-    """Estimate rotor speeds from the load cell's vibration, in each steady window or between --from and --to.
+    """Estimate rotor speeds from the load cell's vibration, in each steady window or a given one.
 
     Example: [bold]cfid fit rotor 2026-11-21_083012_thrust[/bold]
     """
