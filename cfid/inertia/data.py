@@ -11,7 +11,7 @@ from cfid.recordings.periods import axis_record
 from cfid.records.parameters import Source
 from cfid.records.plausibility import taken_as_exact
 from cfid.records.result import Dependent
-from cfid.records.rig_file import Mount
+from cfid.records.rig_file import EncoderScale, Mount
 from cfid.swing.body import FIXTURE, KnownInertia, MountedSwing, threads_of
 from cfid.swing.result import FREQUENCY, Method, estimate
 from cfid.swing.window import check_peaks, peaks_on
@@ -66,14 +66,14 @@ def measure(
     mounts: Mapping[str, Mount],
     gravity_mps2: float,
     gives: str,
-    clock_std: float,
+    encoder: EncoderScale,
     peaks: Peaks,
     smallest_peak_rad: float,
     method: Method,
 ) -> MeasuredSwings:
     """Fit every recording of a body, on the one of its `mounts` that its label names; known axis inertias are kept.
 
-    `gives` is the key, without the mount, of the quantity that a swing gives; `clock_std` is that of the encoder.
+    `gives` is the key, without the mount, of the quantity that a swing gives.
     Raises DataError and FitError naming the file, ConfigError for a second fixture or another body's swing.
     """
     names = [swing.mount if isinstance(swing, KnownInertia) else _mount_of(swing, body) for swing in swings]
@@ -90,7 +90,7 @@ def measure(
             continue
         threads = threads_of(mounts.get(mount), gravity_mps2)
         window = {"peaks": peaks_on(mount, peaks), "smallest_peak_rad": smallest_peak_rad}
-        fitted = estimate(swing, threads, clock_std, method=method, **window)
+        fitted = estimate(swing, threads, encoder, method=method, **window)
         value, std = fitted.frequency
         mounted.append(replace(fitted.mounted(mount), name=swing.name))
         key = f"{gives}.{mount}"

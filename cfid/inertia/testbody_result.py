@@ -60,7 +60,7 @@ def fit_testbody(
         mounts=body.mounts,
         gravity_mps2=surroundings(rig, gravity_mps2).gravity_mps2,
         gives=_MEASURED,
-        clock_std=rig.encoder.clock_std,
+        encoder=rig.encoder,
         peaks=peaks,
         smallest_peak_rad=smallest_peak_rad,
         method=method,

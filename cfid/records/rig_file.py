@@ -571,10 +571,14 @@ class EncoderScale(RigTable):
     """The encoder: counts per turn, or the name of a word format, and the clock that stamps its readings.
 
     `clock_std` is the relative standard uncertainty of that clock: 0.00005 for a crystal, 0.003 for a resonator.
+    `disc_std_deg` is that of either amplitude of the angle's error within a turn, and `cable_std` that of the stiffness
+    of a cable that swings with a body, over gravity's; where they are not stated, a swing shows how large they may be.
     """
 
     counts_per_turn: Positive | Literal["rls-13bit-in-22"] = "rls-13bit-in-22"
     clock_std: Spread = CRYSTAL_STD
+    disc_std_deg: Spread | None = None
+    cable_std: Spread | None = None
 
 
 class FrictionRig(RigTable):

@@ -54,6 +54,7 @@ _RARER = math.log10(5)  # a rig that is ten times worse is five times rarer
 _TEMPERED = 3.0
 _FRICTION_STD = 0.3  # of Coulomb friction: how much dry friction varies at low speed and over the angle
 _LEAST_FRICTION_RAD = math.radians(0.02)  # the zero's shift by the least dry friction, for bearings that show none
+_LEAST_STD = 1e-6  # of a cable or disc that the rig states to be perfect
 _WIDER = 4.0  # than its priors, for the fit that a gyro's posterior starts from: its scale may be worse than usual
 _ROUNDS = 2  # each with the noise of the last; the first noise contains what the nuisances explain
 _SURE_STD = 4.0  # beyond, a spring that pushes is no chance
@@ -197,13 +198,17 @@ def _step_error(swing: FreeSwing, fit: OutputError, pull: Array) -> float:
 def _priors(swing: FreeSwing, fit: OutputError) -> Array:
     """Return standard deviations (11,) of a fit's values about zero on the worst rig, infinite where nothing is known.
 
-    These are the priors of a cable and an encoder, or of a gyro, and of dry friction that varies.
+    These are the priors of a cable and an encoder, or of a gyro, and of dry friction that varies. What the rig states
+    of its cable and disc holds for it and no other.
     """
     frequency, coulomb = fit.coefficients.natural_frequency_squared_s2, fit.coefficients.coulomb_per_s2
     varies = _FRICTION_STD * max(coulomb, _LEAST_FRICTION_RAD * frequency)
     gyro = swing.rate_rad_per_s is not None
-    of_instrument = (swing.rate_scale_std, math.inf) if gyro else (DISC_STD_RAD, DISC_STD_RAD)
-    return np.array([*[math.inf] * _CABLE, CABLE_STD * frequency, *[varies] * 3, *of_instrument])
+    cable, disc_deg = swing.encoder.cable_std, swing.encoder.disc_std_deg
+    cable_std = CABLE_STD if cable is None else max(cable, _LEAST_STD)
+    disc_rad = DISC_STD_RAD if disc_deg is None else math.radians(max(disc_deg, _LEAST_STD))
+    of_instrument = (swing.rate_scale_std, math.inf) if gyro else (disc_rad, disc_rad)
+    return np.array([*[math.inf] * _CABLE, cable_std * frequency, *[varies] * 3, *of_instrument])
 
 
 class _Posterior(NamedTuple):
@@ -221,7 +226,9 @@ class _Posterior(NamedTuple):
 
 def _posterior(swing: FreeSwing, fit: OutputError, worst_std: Array) -> _Posterior:
     """Average over all rigs [HMRV]: the values on each count by how likely the record is with it."""
-    of_rig = [] if swing.rate_rad_per_s is not None else [_CABLE, _FIRST]
+    stated = {_CABLE: swing.encoder.cable_std, _FIRST: swing.encoder.disc_std_deg}
+    gyro = swing.rate_rad_per_s is not None
+    of_rig = [place for place, std in stated.items() if std is None and not gyro]
     size, noise = np.linalg.norm(fit.jacobian, axis=0), _noise_variance(fit)
     rows = fit.jacobian / size
     shares = np.array(list(product(_SHARES, repeat=len(of_rig))))

@@ -23,7 +23,7 @@ from cfid.records.plausibility import (
     taken_as_exact,
 )
 from cfid.records.result import Dependent, Figures, Result
-from cfid.records.rig_file import Rig
+from cfid.records.rig_file import EncoderScale, Rig
 from cfid.swing.body import (
     MountedSwing,
     axis_inertias,
@@ -43,7 +43,6 @@ from cfid.swing.pendulum import NO_THREADS, Coefficients, Threads
 from cfid.swing.periods import timed_frequency
 from cfid.swing.thesis import DampedCosine, fit_damped_cosine, fit_flexible, log_decrement
 from cfid.swing.window import SMALLEST_PEAK_RAD, FreeSwing, check_peaks, peaks_on, swing_in
-from cfid.units import CRYSTAL_STD
 
 Method = Literal["default", "thesis"]
 
@@ -101,8 +100,8 @@ def fit(
     check_peaks(peaks, [axis] if axis else [])
     threads = NO_THREADS if hung is None else threads_of(hung[0].mounts[hung[1]], around.gravity_mps2)
     window = {"smallest_peak_rad": smallest_peak_rad, "from_s": from_s, "to_s": to_s}
-    clock_std = CRYSTAL_STD if rig is None else rig.encoder.clock_std
-    swing = estimate(record, threads, clock_std, method=method, peaks=peaks_on(axis, peaks), **window)
+    encoder = EncoderScale() if rig is None else rig.encoder
+    swing = estimate(record, threads, encoder, method=method, peaks=peaks_on(axis, peaks), **window)
     frequency, frequency_std = swing.frequency
     quantities = {FREQUENCY: Parameter(value=frequency, std=frequency_std)}
     findings = [*record.findings, *swing.findings]
@@ -201,12 +200,11 @@ class SwingEstimate:
 
 
 def estimate(
-    record: AxisRecord, threads: Threads, clock_std: float = CRYSTAL_STD, *, method: Method, **window: Any
+    record: AxisRecord, threads: Threads, encoder: EncoderScale, *, method: Method, **window: Any
 ) -> SwingEstimate:
     """Find the free swing in a recording and fit it: the way from a swing to a frequency for every command.
 
-    `threads` carry the body; `clock_std` is the relative standard uncertainty of the clock that stamps an
-    encoder's readings; `window` are arguments of `find_swing`. Raises DataError for a recording without a swing
+    `threads` carry the body; `window` are arguments of `find_swing`. Raises DataError for a recording without a swing
     and FitError when no pendulum follows it, both naming the file; ConfigError for a window or a method of timed
     periods.
     """
@@ -214,7 +212,7 @@ def estimate(
         return _by_periods(record, threads, method=method, **window)
     if not isinstance(record, AngleRecord):
         raise TypeError(record)
-    swing = swing_in(record, threads, clock_std=clock_std, **window)
+    swing = swing_in(record, threads, encoder, **window)
     try:
         return _by_thesis(swing) if method == "thesis" else _by_default(swing)
     except FitError as error:

@@ -10,11 +10,11 @@ from cfid.errors import DataError, FitError
 from cfid.findings import joined, texts
 from cfid.recordings.angle import angle_record
 from cfid.recordings.stamps import CLOCK_CODES
+from cfid.records.rig_file import EncoderScale
 from cfid.records.run import Run
 from cfid.swing.body import rig_around, threads_of
 from cfid.swing.pendulum import NO_THREADS
 from cfid.swing.result import estimate
-from cfid.units import CRYSTAL_STD
 
 Array = npt.NDArray[np.float64]
 
@@ -29,7 +29,7 @@ def verdict(run: Run) -> str:
     rig = rig_around([record], None)
     mount = None if rig is None else rig.mounts.get(record.label.axis or "")
     threads = NO_THREADS if rig is None else threads_of(mount, rig.site.gravity_mps2)
-    fitted = estimate(record, threads, CRYSTAL_STD if rig is None else rig.encoder.clock_std, method="default")
+    fitted = estimate(record, threads, EncoderScale() if rig is None else rig.encoder, method="default")
     swing = fitted.window
     if not fitted.merits["accepted"]:
         of_clock = (one for one in record.findings if one.code in CLOCK_CODES)

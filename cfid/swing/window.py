@@ -21,14 +21,15 @@ from cfid.estimate.signals import GRID_S, HalfSwing, check_dense, half_swings, r
 from cfid.findings import Finding, warning
 from cfid.recordings.angle import AngleRecord
 from cfid.recordings.gyro import SCALE_STD
+from cfid.records.rig_file import EncoderScale
 from cfid.swing.pendulum import NO_THREADS, Setup, Threads
-from cfid.units import CRYSTAL_STD
 
 Array = npt.NDArray[np.float64]
 
 SMALLEST_PEAK_RAD = math.radians(1.0)
 FEWEST_PEAKS = 4
 
+_ENCODER = EncoderScale()  # of a rig about which nothing is known
 _MOST_ROWS = 2_000_000  # half an hour at 1 kHz
 _THRESHOLD_RAD = SMALLEST_PEAK_RAD / 2
 _LOW_DEG = 10.0  # for a highest peak below this, a higher release gives more peaks
@@ -76,6 +77,7 @@ class FreeSwing:
     rate_rad_per_s: Array | None = None
     rate_scale_std: float = 0.0
     threads: Threads = NO_THREADS
+    encoder: EncoderScale = _ENCODER
     findings: tuple[Finding, ...] = ()
 
     @property
@@ -115,11 +117,9 @@ class FreeSwing:
 
 
 def swing_in(
-    record: AngleRecord, threads: Threads = NO_THREADS, *, clock_std: float = CRYSTAL_STD, **window: Any
+    record: AngleRecord, threads: Threads = NO_THREADS, encoder: EncoderScale = _ENCODER, **window: Any
 ) -> FreeSwing:
     """Find the free swing of a recording; `threads` carry the body, `window` are arguments of `find_swing`.
-
-    `clock_std` is the relative standard uncertainty of the clock that stamps an encoder's readings.
 
     Of an encoder that repeats its readings, the first row of each counts: a row that repeats one shows an earlier
     angle. Raises DataError that names the file, also where readings stand still while the body swings.
@@ -143,7 +143,8 @@ def swing_in(
     except DataError as error:
         raise DataError(f"{record.path}: {error}{_unsummed(record)}") from None
     if record.rates is None:
-        return replace(swing, time_scale_std=math.hypot(record.time_scale_std, clock_std), threads=threads)
+        time_scale_std = math.hypot(record.time_scale_std, encoder.clock_std)
+        return replace(swing, time_scale_std=time_scale_std, threads=threads, encoder=encoder)
     return replace(
         swing,
         time_scale_std=record.time_scale_std,

@@ -13,6 +13,8 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+import cfid.swing
+from cfid.records.rig_file import EncoderScale, thesis_rig
 from cfid.units import CRYSTAL_STD
 from tests.campaigns import Cfid
 from tests.swing.integrated import encoded, frequency_on, motion, written
@@ -132,6 +134,26 @@ def test_an_inertia_from_swings_with_a_disc_off_its_axis_is_within_its_interval(
     error = np.array(matrix["value"]) - inertia_kg_m2
     assert np.max(np.abs(error) / np.array(matrix["std"])) < 2.5
     assert "swing-cable-or-encoder" in {one["code"] for one in result["findings"]}
+
+
+def test_what_the_rig_states_of_its_cable_and_disc_sharpens_a_swing(tmp_path: Path) -> None:
+    """The disc is drawn anew for each swing, from what the rig states of it."""
+    time_s, angle = swung(30)
+    scores: list[float] = []
+    shares: list[float] = []
+    for seed, (sine, cosine) in enumerate(np.random.default_rng(3).normal(0, 0.15, (12, 2))):
+        eccentric_deg, phase_deg = math.hypot(sine, cosine), math.degrees(math.atan2(cosine, sine))
+        read = encoded(angle, seed=seed, eccentric_deg=eccentric_deg, phase_deg=phase_deg)
+        path = written(tmp_path / f"{seed}.csv", time_s, read)
+        stds = []
+        for encoder in (EncoderScale(clock_std=0), EncoderScale(clock_std=0, disc_std_deg=0.15, cable_std=0)):
+            quantity = cfid.swing.fit(path, rig=thesis_rig().model_copy(update={"encoder": encoder})).quantities[KEY]
+            stds.append(quantity.std)
+        scores.append((quantity.value - FREQUENCY_S2) / quantity.std)
+        shares.append(stds[1] / stds[0])
+
+    assert 0.7 < 1 / math.sqrt(np.mean(np.square(scores))) < 1.5
+    assert np.median(shares) < 0.2
 
 
 def fitted(cfid: Cfid, path: Path, *options: object) -> tuple[int, dict[str, Any]]:
