@@ -9,7 +9,6 @@ from typing import Literal
 
 import numpy as np
 
-from cfid.console.facts import assumed
 from cfid.errors import ConfigError, DataError
 from cfid.estimate.held_readings import first_rows, rows_a_reading
 from cfid.findings import Finding, merged, note, rejection, warning
@@ -36,7 +35,7 @@ _ARM = Range(0.015, 0.3, "a Crazyflie has 0.046")
 _GAINS = (
     "tf.static_gain_n", "tf.numerator", "tf.series.*.static_gain_n", "tf.series.*.numerator", "tf.frequency_response",
 )  # fmt: skip
-_ARM_MM, _YAW_DEG = 46.0, -45.0  # of the thesis (C.2.5), used if no others are stated
+_UNKNOWN = "no rig.toml stated how far {} when this was recorded: give `{}`."
 _LOOKED_AT = 100_000  # the number of samples that are examined for repeated readings
 _FARTHEST_DEG = 20.0  # from the arm, more than cross-talk and a mount aligned by eye; a gain is then 6 % too small
 _CLEAR = 9.0  # the least ratio of the powers along and across the torque's direction, for the direction to be clear
@@ -228,22 +227,28 @@ class _Reader:
                 thrust[part] = thrust_of(self.channel, force_n, torque_nm, arm_m=arm_m, motor=motor, yaw_deg=yaw_deg)
             thrust /= 4 if motor == 0 else 1
             std_mm = None if self.arm_std_m is None else self.arm_std_m / MM
-            self._rigs.append(RigFacts(loadcell=LoadCellMount(arm_mm=arm_m / MM, arm_std_mm=std_mm)).over(facts))
+            arm_mm = None if self.channel == "Fz" else arm_m / MM
+            self._rigs.append(RigFacts(loadcell=LoadCellMount(arm_mm=arm_mm, arm_std_mm=std_mm)).over(facts))
             self._thrusts[path, motor] = time_s, thrust
         return self._thrusts[path, motor]
 
     def _mount(self, facts: RigFacts) -> tuple[float, float]:
-        """Return arm in m and yaw in degrees, with a note where the channel needs one that is not stated."""
+        """Return arm in m and yaw in degrees; the channel Fz needs neither, the cell's own torques no yaw.
+
+        Raises ConfigError where one that the channel needs is not stated.
+        """
         mount = facts.loadcell
-        arm_m = MM * (mount.arm_mm or _ARM_MM) if self.arm_m is None else self.arm_m
+        arm_m = self.arm_m
+        if arm_m is None and mount.arm_mm is not None:
+            arm_m = MM * mount.arm_mm
         yaw_deg = mount.yaw_deg if self.yaw_deg is None else self.yaw_deg
-        if self.arm_m is None and mount.arm_mm is None and self.channel != "Fz":
-            self.findings.append(note("fact-assumed", assumed(f"an arm of {_ARM_MM:g} mm is", "arm_m"), "tf.*"))
+        if arm_m is None and self.channel != "Fz":
+            raise ConfigError(_UNKNOWN.format("a motor lies from the load cell's z axis", "arm_mm"))
         if yaw_deg is None and self.channel == "arm":
-            text = assumed(f"a yaw of {_YAW_DEG:g} degrees on the load cell is", "yaw_deg")
-            self.findings.append(note("fact-assumed", text, "tf.*"))
-        self.findings += implausible_inputs([Given("arm", arm_m, _ARM, "m")], None, *_GAINS)
-        return arm_m, _YAW_DEG if yaw_deg is None else yaw_deg
+            raise ConfigError(_UNKNOWN.format("the load cell's x axis is turned from the vehicle's", "yaw_deg"))
+        if arm_m is not None:
+            self.findings += implausible_inputs([Given("arm", arm_m, _ARM, "m")], None, *_GAINS)
+        return arm_m or 1.0, yaw_deg or 0.0
 
 
 def _refuse_other_sine(where: str, given: Sine, own: Sine) -> None:
@@ -270,7 +275,7 @@ def _sine(run: Run) -> Sine:
 
 
 def thrust_of(
-    channel: Channel, force_n: Array, torque_nm: Array, *, arm_m: float, motor: int = 1, yaw_deg: float = _YAW_DEG
+    channel: Channel, force_n: Array, torque_nm: Array, *, arm_m: float, motor: int = 1, yaw_deg: float
 ) -> Array:
     """Return a motor's thrust (n,) in N by a channel, from forces and torques (n, 3) in N and N m.
 

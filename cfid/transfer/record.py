@@ -156,7 +156,9 @@ async def play_sine(
 def verdict(run: Run) -> str:
     """State how clearly the load cell measures a sine. Raises DataError or FitError if not, or for missing reports."""
     axes, motor = run.header.devices[LOADCELL].columns, run.header.requested.get("motor")
-    sines = read_sines([run], channel="arm" if motor and {"Tx", "Ty"} <= set(axes) else "Fz")  # all motors: no torque
+    mount = run.header.rig.loadcell
+    on_arm = motor and {"Tx", "Ty"} <= set(axes) and None not in (mount.arm_mm, mount.yaw_deg)  # all motors: no torque
+    sines = read_sines([run], channel="arm" if on_arm else "Fz")
     (played,) = align(sines.runs).runs
     if not played.sine.periods:
         return f"a constant command, thrust {1e3 * played.force_n.mean():.1f} mN."

@@ -67,7 +67,7 @@ def _recorded(run: SimulatedSine, stamped: bool, channel: Channel) -> RecordedSi
         sine=sine,
         reports=Reports(run.report_host_s, run.report_command, *on_board),
         time_s=run.time_s,
-        force_n=thrust_of(channel, wrench[:, :3], wrench[:, 3:], arm_m=ARM_M, motor=run.motor),
+        force_n=thrust_of(channel, wrench[:, :3], wrench[:, 3:], arm_m=ARM_M, motor=run.motor, yaw_deg=-45.0),
     )
 
 

@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 
 from cfid.cli.main import main
+from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import LoadCellMount, RigFacts
 from cfid.records.run import DeviceRecord, Label, Run
 from cfid.records.run_writer import create_run
@@ -34,13 +35,18 @@ class Said(NamedTuple):
 
 
 class Here:
-    """Run `cfid tf` in this process, since a new process for each command would take minutes."""
+    """Run `cfid tf` in this process, since a new process for each command would take minutes.
+
+    The files that an index lists are recorded on the thesis' rig, where no rig.toml states another.
+    """
 
     def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-        self._capsys = capsys
+        self._capsys, self._folder = capsys, folder
         monkeypatch.chdir(folder)
 
     def __call__(self, *words: object) -> Said:
+        if "--index" in words and not (self._folder / RIG_FILE).is_file():
+            words = (*words, "--geometry", "thesis")
         with pytest.raises(SystemExit) as ended:
             main(["tf", *map(str, words)])
         captured = self._capsys.readouterr()

@@ -61,7 +61,7 @@ def test_motors_1_and_3_load_ty_and_2_and_4_tx_with_opposite_signs(motor: int, c
     wrench = run.counts / 1e6 - run.counts[:500].mean(axis=0) / 1e6
     mean_n = wrench[1300:2000].mean(axis=0)
     place = ("Tx", "Ty").index(channel)
-    on_arm = thrust_of("arm", wrench[:, :3], wrench[:, 3:], arm_m=ARM_M, motor=motor)[1300:2000].mean()
+    on_arm = thrust_of("arm", wrench[:, :3], wrench[:, 3:], arm_m=ARM_M, motor=motor, yaw_deg=-45.0)[1300:2000].mean()
 
     assert mean_n[3 + place] / ARM_M == pytest.approx(sign * mean_n[2], rel=0.1)
     assert abs(mean_n[4 - place]) / ARM_M < 0.1 * mean_n[2]

@@ -1,5 +1,6 @@
 """`cfid tf identify` turns runs and files of sines into transfer functions with a verdict."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ import pytest
 
 from cfid.records.files import RIG_FILE
 from cfid.records.parameters import Parameter, Section
-from cfid.records.rig_file import NONE_STATED, LoadCellMount, RigFacts, new_rig_text
+from cfid.records.rig_file import LoadCellMount, RigFacts, new_rig_text
 from tests.campaigns import sentences
 from tests.kept import keep, sections_at
 from tests.offline.sine_bench import Bench, LinearTruth, SimulatedSine
@@ -161,19 +162,35 @@ def test_a_run_keeps_the_yaw_and_arm_it_was_recorded_with_whatever_rig_toml_says
     assert not any("assumed" in warning for warning in sentences(content))
 
 
-def test_facts_that_nobody_stated_are_those_of_version_0_1_and_noted_once(
-    tf: Here, tmp_path: Path, first: list[SimulatedSine]
+@pytest.mark.parametrize(
+    ("stated", "given", "channel", "lacks"),
+    [
+        (LoadCellMount(), (), "arm", "--arm-mm"),
+        (LoadCellMount(arm_mm=46.0), (), "arm", "--yaw-deg"),
+        (LoadCellMount(), (), "Ty", "--arm-mm"),
+        (LoadCellMount(), ("--arm-mm", 46, "--yaw-deg", -45), "arm", None),
+        (LoadCellMount(), (), "Fz", None),
+    ],
+)
+def test_a_mount_that_was_not_stated_is_asked_for_where_the_channel_needs_it(
+    tf: Here,
+    tmp_path: Path,
+    first: list[SimulatedSine],
+    stated: LoadCellMount,
+    given: tuple[object, ...],
+    channel: str,
+    lacks: str | None,
 ) -> None:
-    (tmp_path / RIG_FILE).write_text(new_rig_text().replace("yaw_deg = -45.0", "yaw_deg = 30.0"))
+    (tmp_path / RIG_FILE).write_text(new_rig_text())
     for run in first[1:]:
-        write_run(tmp_path, run, facts=NONE_STATED)
-    content = found(tf)
+        write_run(tmp_path, run, facts=RigFacts(loadcell=stated))
+    ended = tf("identify", "--channel", channel, *given, "--json")
 
-    assert content["parameters"]["tf.static_gain_n"]["value"] == pytest.approx(GAIN_N, rel=0.01)
-    assumed = [warning for warning in sentences(content) if "assumed" in warning]
-    assert len(assumed) == 2
-    assert "an arm of 46 mm is assumed, as in version 0.1" in assumed[0]
-    assert "a yaw of -45 degrees on the load cell is assumed" in assumed[1]
+    if lacks:
+        assert (ended.returncode, lacks in ended.stderr) == (2, True)
+    else:
+        gain = json.loads(ended.stdout)["parameters"]["tf.static_gain_n"]["value"]
+        assert gain == pytest.approx(GAIN_N, rel=0.01)
 
 
 def test_the_static_gain_is_checked_against_the_thrust_map(

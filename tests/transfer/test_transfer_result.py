@@ -14,7 +14,7 @@ from cfid.transfer.model import TransferFunction
 from cfid.transfer.plan import Sine
 from tests.offline.sine_bench import SimulatedSine
 from tests.transfer.sine_recordings import exact
-from tests.transfer.sines_in_a_folder import GAIN_N, LAG_S, sines, write_index, write_run
+from tests.transfer.sines_in_a_folder import GAIN_N, LAG_S, sines, write_run
 
 B0, A1 = 6.0705967e-8, 0.9745210
 
@@ -81,15 +81,6 @@ def test_a_rejected_function_leaves_the_measured_responses(runs: list[Run]) -> N
     assert set(given.quantities) == {"tf.sample_time_s", "tf.frequency_response"}
     assert not given.covariances
     assert not any("H(z)" in line or "static gain" in line for line in given.summary())
-
-
-def test_an_arm_and_a_yaw_that_nobody_stated_are_noted_and_those_given_are_not(tmp_path: Path) -> None:
-    index = write_index(tmp_path, {"": sines((2, 5))})
-    assumed, given = transfer.read_sines(index=index), transfer.read_sines(index=index, arm_m=0.023, yaw_deg=-45.0)
-
-    assert [one.code for one in assumed.findings].count("fact-assumed") == 2
-    assert "fact-assumed" not in [one.code for one in given.findings]
-    assert given.runs[0].force_n == pytest.approx(2 * assumed.runs[0].force_n)  # half the arm
 
 
 def test_a_sine_is_the_same_in_run_toml_and_in_the_request() -> None:
