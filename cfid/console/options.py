@@ -120,6 +120,10 @@ class Delivery:
     """
 
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.", rich_help_panel=_OUTPUT)] = False
+    verbose: Annotated[
+        bool,
+        typer.Option("--verbose", help="Print all warnings and notes, not two warnings.", rich_help_panel=_OUTPUT),
+    ] = False
     force: Annotated[
         bool,
         typer.Option(

@@ -11,8 +11,9 @@ from cfid.console.campaign import write_parameters
 from cfid.console.messages import echo, fitted, in_options, note, printable
 from cfid.console.options import Delivery
 from cfid.console.tables import print_parameters
+from cfid.counted import counted
 from cfid.errors import ConfigError, RejectedError
-from cfid.findings import texts
+from cfid.findings import CODES, Finding, texts
 from cfid.quantities.registry import is_of_the_run
 from cfid.records.parameters import plain
 from cfid.records.result import Result
@@ -21,6 +22,8 @@ from cfid.version import __version__
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
     from cfid.records.rig_file import Rig
+
+_SHOWN = 2  # warnings
 
 
 def deliver(result: Result, delivery: Delivery, campaign: "Campaign | None", rig: "Rig | None" = None) -> None:
@@ -54,14 +57,26 @@ def deliver(result: Result, delivery: Delivery, campaign: "Campaign | None", rig
         echo(_as_json(given, accepted=result.accepted, in_force=in_force))
     else:
         rejections = texts(result.findings, "rejection") if kept else ()  # otherwise the error states them
-        notes = (*texts(result.findings, "note", "warning"), *(f"rejected: {text}" for text in rejections))
-        _print(given, drawn, notes)
+        _print(given, drawn, _notes(result.findings, rejections, verbose=delivery.verbose))
     if not kept:
         raise _refusal(result, campaign)
     if remark:
         note(remark)
     if undrawn is not None:
         raise ConfigError(f"{undrawn} Nothing is kept of this fit.") if campaign is not None else undrawn
+
+
+def _notes(findings: Sequence[Finding], rejections: Sequence[str], *, verbose: bool) -> list[str]:
+    """Return the sentences to print: rejections and warnings, then notes; without `verbose` two of the former alone.
+
+    What a fit warns of comes before what readers of files do.
+    """
+    of_fits_first = sorted(findings, key=lambda finding: finding.code in CODES)
+    warnings = [*(f"rejected: {text}" for text in rejections), *texts(of_fits_first, "warning")]
+    if verbose:
+        return [*warnings, *texts(findings, "note")]
+    shown, more = warnings[:_SHOWN], len(warnings[_SHOWN:])
+    return [*shown, f"{counted(more, 'more warning')}: `verbose` shows all."] if more else shown
 
 
 def _standing(campaign: "Campaign", stem: str) -> tuple[bool, str]:

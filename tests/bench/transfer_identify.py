@@ -71,7 +71,7 @@ def recorded(folder: Path, index: list[tuple[SimulatedSine, int]], sign: int = 1
     records = []
     for cell in cells:
         torque_nm = cell[["Tx", "Ty", "Tz"]].to_numpy() / 1e6
-        records.append((cell["t"].to_numpy(), sign * thrust_of("Ty", torque_nm, torque_nm, arm_m=ARM_M)))
+        records.append((cell["t"].to_numpy(), sign * thrust_of("Ty", torque_nm, torque_nm, arm_m=ARM_M, yaw_deg=0.0)))
     runs = []
     for (run, number), rows in zip(index, crossings, strict=True):
         sine = Sine(periods=run.periods, samples=4000, amplitude=20000)

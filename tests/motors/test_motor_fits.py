@@ -345,7 +345,10 @@ def test_a_step_that_never_settles_is_told_and_left_out_or_ends_the_fit(cfid: Cf
         path = write_thesis_file(campaign / f"{command}.csv", climbed([command], hold_s=3.0, seed=command))
         words.append(f"{command}={path}")
     said = cfid("fit", "thrust", *words, "--motors", "2", "--no-figures")
+    assert said.stderr.count("note: ") == 3  # two warnings, and how many more there are
+    said = cfid("fit", "thrust", *words, "--motors", "2", "--no-figures", "--verbose")
     assert said.returncode == 0, said.stderr
+    assert said.stderr.count("note: ") > 4
     assert "slow: command 4000:" in said.stderr
     assert "it is left out" in said.stderr
     alone = cfid("fit", "thrust", words[0], "--motors", "2", "--no-figures")

@@ -225,7 +225,7 @@ def test_a_stand_of_a_larger_motor_gives_its_map_where_no_rig_states_a_smaller_v
     one = sweep()
     table = write(tmp_path, one._replace(thrust_n=40 * one.thrust_n))
 
-    alone = cfid("fit", "thrust", table, "--no-figures")
+    alone = cfid("fit", "thrust", table, "--no-figures", "--verbose")
     assert alone.returncode == 0, alone.stderr
     assert "more than a motor of a small quadrocopter has (10 N)" in " ".join(alone.stderr.split())
     assert re.search(r"at most \d{5} mN a motor", alone.stdout)

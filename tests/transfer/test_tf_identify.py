@@ -76,7 +76,7 @@ def test_an_index_of_two_series_gives_one_function_and_one_for_each(tf: Here, bo
 
 
 def test_a_person_gets_the_formula_its_convention_the_verdict_and_the_thesis_beside(tf: Here, both: Path) -> None:
-    said = tf("identify", "--index", str(both), "--no-figures", "--compare", "eq3.15")
+    said = tf("identify", "--index", str(both), "--no-figures", "--compare", "eq3.15", "--verbose")
 
     assert said.returncode == 0, said.stderr
     assert "tf.time_constant_s" in said.stdout
@@ -272,7 +272,7 @@ def test_the_thesis_form_has_no_z_1_and_the_same_plant(tf: Here, both: Path) -> 
 def test_what_no_such_plant_explains_is_rejected_and_exits_with_5(tf: Here, both: Path) -> None:
     content = found(tf, "--index", both, "--shape", "first", code=5)
     forced = found(tf, "--index", both, "--shape", "first", "--force")
-    said = tf("identify", "--index", str(both), "--shape", "first", "--no-figures")
+    said = tf("identify", "--index", str(both), "--shape", "first", "--no-figures", "--verbose")
 
     assert set(content["parameters"]) == {
         "tf.sample_time_s",
