@@ -146,7 +146,7 @@ def _look(
 
 def _plan(experiment: Experiment) -> "list[Held]":
     """Return the plan of the experiment's `cfid log` command without options."""
-    from cfid.drag.wind.command import SweepOptions
+    from cfid.drag.command import SweepOptions
     from cfid.estimate.battery_endurance import Held
     from cfid.motors.command import StaircaseOptions, thrust_staircase
     from cfid.transfer.command import SineOptions, seconds_of_each

@@ -122,7 +122,7 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
         "Measure round trips to the vehicle: mean, standard deviation, minimum, histogram (table 3.2). No motor turns.",
     ),
     "log wind": (
-        "cfid.drag.wind.command:wind",
+        "cfid.drag.command:wind",
         "Record load cell, commands and battery in one wind setting, command by command; Ctrl-C stops the motors.",
     ),
     "motors": (

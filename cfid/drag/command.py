@@ -1,20 +1,255 @@
-"""Provide `cfid fit drag`: drag coefficients from forces on a vehicle held in wind."""
+"""Provide `cfid log wind` and `cfid fit drag`.
 
+`cfid log wind` holds all commands in turn on the load cell, in one wind setting (section 4.4.2); `cfid fit drag` fits
+drag coefficients to the forces on a vehicle held in wind.
+"""
+
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from cfid.console.flat import flat
 from cfid.console.inputs import Workplace, find_recording, open_workplace
-from cfid.console.options import Delivery, FlipFz, Markers, Method, RigOptions, YawDeg, finite
+from cfid.console.labels import Note
+from cfid.console.lists import comma_list
+from cfid.console.messages import echo, fitted
+from cfid.console.options import Delivery, FlipFz, Markers, Method, RigOptions, YawDeg, finite, positive
 from cfid.console.outcome import deliver
-from cfid.console.selection import chosen
-from cfid.drag.wind.command import AzimuthRad, azimuth
+from cfid.console.recording import KeepOptions, ResumeOptions, rig_of
+from cfid.console.selection import chosen, interrupted
+from cfid.console.vehicle import ExperimentOptions, LogMs
+from cfid.counted import counted
+from cfid.errors import ConfigError
+from cfid.lazy import later
+from cfid.motors.command import Wait, announce
 from cfid.records.choose import labelled
 
+if TYPE_CHECKING:
+    from cfid.drag.plan import PlannedRun, WindSetting
+    from cfid.motors.plan import StaircasePlan
+    from cfid.records.campaign import Campaign
+
+_WIND, _COMMANDS = "Wind", "Commands"
 _INPUT, _MODELS = "What was measured", "Models"
+_MOST_FAN_V = 1000.0
+_THESIS_COMMANDS = "0,10000,20000,30000,37300,40000,50000"
+
+
+@dataclass(frozen=True, kw_only=True)
+class WindOptions:
+    """The wind generator's placement, and the anemometer's readings around the vehicle."""
+
+    wind: Annotated[
+        str | None,
+        typer.Option(
+            metavar="MIN,MAX", help="Lowest and highest wind speed, in m/s; 0 for references.", rich_help_panel=_WIND
+        ),
+    ] = None
+    angle: Annotated[
+        float | None,
+        typer.Option(
+            metavar="DEG", help="Angle of the wind generator to the vertical, in degrees.", rich_help_panel=_WIND
+        ),
+    ] = None
+    fan_voltage: Annotated[
+        float | None, typer.Option(metavar="V", help="Voltage at the wind generator's fan.", rich_help_panel=_WIND)
+    ] = None
+    azimuth_deg: Annotated[
+        float | None,
+        typer.Option(
+            help="Azimuth of the wind generator, to the right of the vehicle's nose; default: rig.toml's.",
+            rich_help_panel=_WIND,
+        ),
+    ] = None
+
+    def setting(self) -> "WindSetting":
+        """Return the wind setting. Raises ConfigError for one that is incomplete or impossible."""
+        from cfid.drag.plan import HIGHEST_DEG, WindSetting
+
+        if self.wind is None:
+            raise ConfigError("give --wind MIN,MAX, the lowest and highest wind around the vehicle; 0 for references.")
+        low, high = _speeds(self.wind)
+        if high == 0:
+            return WindSetting()
+        if self.angle is None:
+            raise ConfigError(f"--wind {self.wind}: give --angle DEG too, the wind generator's to the vertical.")
+        if not 0 <= self.angle <= HIGHEST_DEG:
+            raise ConfigError(f"--angle {self.angle:g}: has to be from 0, straight above, to {HIGHEST_DEG:g} degrees.")
+        from_deg = None if self.azimuth_deg is None else finite(self.azimuth_deg, "--azimuth-deg")
+        fan_v = 0.0 if self.fan_voltage is None else positive(self.fan_voltage, "--fan-voltage", most=_MOST_FAN_V)
+        return WindSetting(angle_deg=self.angle, fan_v=fan_v, min_mps=low, max_mps=high, azimuth_deg=from_deg)
+
+    def refuse(self, resume: Path) -> None:
+        """Raise ConfigError for an option that the run to resume already states."""
+
+        given = (self.wind, self.angle, self.fan_voltage, self.azimuth_deg)
+        if any(value is not None for value in given):
+            raise ConfigError(f"--resume {resume} keeps the wind setting of its run: leave out its options.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SweepOptions:
+    """The commands, the duration of each, and whether a tachometer is read."""
+
+    commands: Annotated[
+        str,
+        typer.Option(
+            metavar="C,C,...", help="Commands to all four motors, one after the other.", rich_help_panel=_COMMANDS
+        ),
+    ] = _THESIS_COMMANDS
+    hold: Annotated[float, typer.Option(metavar="S", help="Seconds at each command.", rich_help_panel=_COMMANDS)] = 10.0
+    rest: Annotated[
+        float,
+        typer.Option(
+            metavar="S", help="Seconds of pause before, between and after the commands.", rich_help_panel=_COMMANDS
+        ),
+    ] = 3.0
+    tachometer: Annotated[
+        Literal["typed", "none"] | None,
+        typer.Option(
+            help="typed: you type the tachometer's readings; none: the fit estimates the speed from vibration; "
+            "default: typed, or that of the run to resume.",
+            rich_help_panel=_COMMANDS,
+        ),
+    ] = None
+    wait: Wait = None
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Print what would be done, how long it would take, and what is missing.")
+    ] = False
+
+    def staircase(self) -> "StaircasePlan":
+        """Return the commands as a staircase of all motors. Raises ConfigError for impossible ones."""
+        from cfid.motors.plan import LONGEST_STEP_S, StaircasePlan
+        from cfid.units import FULL_COMMAND, MOTORS
+
+        steps = comma_list(self.commands, "--commands", int, least=0, most=FULL_COMMAND, example="0,10000")
+        if not any(steps):
+            raise ConfigError(f"--commands {self.commands}: no motor turns: give one above 0.")
+        return StaircasePlan(
+            steps=steps,
+            motors=MOTORS,
+            hold_s=positive(self.hold, "--hold", most=LONGEST_STEP_S),
+            rest_s=positive(self.rest, "--rest", most=LONGEST_STEP_S),
+        )
+
+
+@flat
+def wind(
+    *,
+    options: WindOptions,
+    sweep: SweepOptions,
+    vehicle: ExperimentOptions,
+    log_ms: LogMs = 10,
+    resume: ResumeOptions,
+    keep: KeepOptions,
+    note: Note = None,
+    rate_hz: Annotated[
+        int | None, typer.Option(min=1, help="Load-cell samples per second; default: rig.toml's.")
+    ] = None,
+) -> None:
+    """Record load cell, commands and battery in one wind setting, command by command; Ctrl-C stops the motors.
+
+    Start the wind first, so that the load cell's tare contains the wind's force on the body alone.
+
+    Example: [bold]cfid log wind --angle 48.4 --fan-voltage 8 --wind 2.0,3.7[/bold]
+    """
+    from cfid.drag.plan import KIND, missing_lines
+    from cfid.motors.record import record_forces
+
+    rig = rig_of(keep.campaign)
+    campaign, simulated = rig.campaign, rig.simulated
+    if sweep.dry_run and options.wind is None and resume.word is None:
+        announce(sweep.staircase())
+        for line in missing_lines(_recorded(campaign, simulated=simulated)):
+            echo(fitted(line))
+        return
+    resumed = None if resume.word is None else interrupted(resume.word, campaign, kind=KIND)
+    setting, staircase = _requested(options, sweep, resumed)
+    asks = (sweep.tachometer or _tachometer_of(resumed)) == "typed" and not setting.is_reference
+    if sweep.dry_run:
+        _announce(setting, staircase, _recorded(campaign, simulated=simulated), asks=asks)
+        return
+    record_forces(
+        KIND,
+        staircase,
+        rig,
+        vehicle=vehicle,
+        log_ms=log_ms,
+        rate_hz=rate_hz,
+        keep=keep,
+        note=note,
+        judge=later("cfid.drag.data", "verdict"),
+        question="RPM at command {command}, Enter for none" if asks else None,
+        wait=sweep.wait,
+        calm=setting.is_reference,
+        requested=setting.to_run(),
+        found=lambda run: _missing(_recorded(campaign, simulated=simulated)),
+    )
+
+
+def _speeds(text: str) -> tuple[float, float]:
+    from cfid.drag.plan import FASTEST_MPS
+
+    example = "2.0,3.7, or 0 for references"
+    low, *others = comma_list(text, "--wind", float, least=0, most=FASTEST_MPS, example=example)
+    high = others[-1] if others else low
+    if len(others) > 1 or low > high:
+        raise ConfigError(f"--wind {text}: should be the lowest and the highest speed in m/s, as 2.0,3.7, or 0.")
+    return low, high
+
+
+def _requested(options: WindOptions, sweep: SweepOptions, resume: Path | None) -> "tuple[WindSetting, StaircasePlan]":
+    """Return wind setting and staircase: those of the options, or those missing in an interrupted run."""
+    if resume is None:
+        return options.setting(), sweep.staircase()
+    from cfid.drag.plan import KIND, setting_of
+    from cfid.motors.missing_steps import missing
+    from cfid.records.run import read_run
+
+    options.refuse(resume)
+    return setting_of(read_run(resume)), missing(resume, kind=KIND)
+
+
+def _tachometer_of(resume: Path | None) -> str:
+    """Return whether readings were typed in the run to resume; `typed` for a new run."""
+    from cfid.recordings.vehicle import READINGS
+    from cfid.records.run import read_run
+
+    return "typed" if resume is None or READINGS in read_run(resume).header.devices else "none"
+
+
+def _announce(setting: "WindSetting", staircase: "StaircasePlan", done: "Sequence[PlannedRun]", *, asks: bool) -> None:
+    from cfid.drag.plan import missing_lines
+
+    echo(setting.sentence)
+    announce(staircase)
+    if asks:
+        echo(fitted(f"and as long as it takes to read a tachometer {sum(map(bool, staircase.steps))} times"))
+    for line in missing_lines(done):
+        echo(fitted(line))
+
+
+def _missing(done: "Sequence[PlannedRun]") -> tuple[Mapping[str, Any], Sequence[str]]:
+    """Return the thesis' runs that the campaign lacks, as for --json, and lines on incomplete wind settings."""
+    from cfid.drag.plan import WHOLE, missing_lines, missing_runs
+
+    left = {"value": len(missing_runs(done)), "std": None, "unit": "1"}
+    lines = missing_lines(done)
+    begun = [line for line in lines if not line.endswith(WHOLE)]
+    others = (
+        [f"  {counted(len(lines) - len(begun), 'wind')} more: --dry-run lists them"] if len(lines) > len(begun) else []
+    )
+    return {"wind.missing_runs": left}, [*begun, *others]
+
+
+def _recorded(campaign: "Campaign", *, simulated: bool) -> "list[PlannedRun]":
+    from cfid.drag.plan import recorded, wind_runs
+
+    return recorded(wind_runs(campaign, simulated=simulated))
+
 
 Runs = Annotated[
     list[str] | None,
@@ -51,7 +286,6 @@ class WindInputs:
             rich_help_panel=_INPUT,
         ),
     ] = None
-    azimuth_rad: AzimuthRad = None
     yaw_deg: YawDeg = None
     markers: Markers = None
     flip_fz: FlipFz = None
@@ -107,7 +341,7 @@ def drag(
     result = fit(
         read_forces(wind.table) if wind.table is not None else paths,
         index=wind.index,
-        azimuth_deg=azimuth(wind.azimuth_deg, wind.azimuth_rad),
+        azimuth_deg=None if wind.azimuth_deg is None else finite(wind.azimuth_deg, "--azimuth-deg"),
         yaw_deg=None if wind.yaw_deg is None else finite(wind.yaw_deg, "--yaw-deg"),
         markers=wind.markers,
         flip_fz=wind.flip_fz,
@@ -123,8 +357,6 @@ def drag(
 
 def _paths(words: list[str], wind: WindInputs, place: Workplace) -> list[Path]:
     """Return the given runs, or all runs of the campaign if none is given. Raises ConfigError."""
-    from cfid.errors import ConfigError
-
     if wind.table is not None:
         if words or wind.index is not None:
             raise ConfigError(f"--table {wind.table} contains forces that are reduced already: give it alone.")

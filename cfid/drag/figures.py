@@ -11,9 +11,8 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from cfid.drag.checks import quantities_of
-from cfid.drag.comparison import DragModels
-from cfid.drag.experiments import DragExperiments
+from cfid.drag.comparison import DragModels, quantities_of
+from cfid.drag.model import DragExperiments
 from cfid.drag.thesis import lateral_kg_per_rad, ratios_kg_per_rad
 from cfid.drawing.style import DASHES, INK, KEY_IN, MUTED, SERIES, figure, key_row, name_panel, styled, words
 
@@ -35,12 +34,12 @@ class _Wind(NamedTuple):
     colour: tuple[float, float, float]
 
 
-def drag_figures(found: DragModels) -> Mapping[str, Figure]:
+def drag_figures(models: DragModels) -> Mapping[str, Figure]:
     """Return all figures by file name."""
     return {
-        "drag_forces": forces_figure(found.experiments, std_n=_force_std_n(found)),
-        "drag_models": models_figure(found),
-        "drag_coefficients": coefficients_figure(found),
+        "drag_forces": forces_figure(models.experiments, std_n=_force_std_n(models)),
+        "drag_models": models_figure(models),
+        "drag_coefficients": coefficients_figure(models),
     }
 
 
@@ -79,13 +78,13 @@ def forces_figure(experiments: DragExperiments, *, std_n: Array | None = None) -
 
 
 @styled
-def coefficients_figure(found: DragModels) -> Figure:
+def coefficients_figure(models: DragModels) -> Figure:
     """Return the simple model's coefficients of every experiment over the rotors' speed, and those of the fit.
 
     Coefficients of x and y are from both axes together, and from winds from the side alone. Bands are one standard
     uncertainty of the fit; bars are that of an experiment from its forces' noise and its wind speed.
     """
-    experiments, simple = found.experiments, found.fits["simple"]
+    experiments, simple = models.experiments, models.fits["simple"]
     angles, winds = _angles(experiments), list(_winds(experiments))
     page, grid = figure(
         3,
@@ -96,7 +95,7 @@ def coefficients_figure(found: DragModels) -> Figure:
     )
     key_row(page.add_subplot(grid[0, :]), *_key(angles), Line2D([], [], color=INK, label="all together"))
     first: Axes | None = None
-    noise = np.abs(ratios_kg_per_rad(replace(experiments, force_n=_force_std_n(found))))
+    noise = np.abs(ratios_kg_per_rad(replace(experiments, force_n=_force_std_n(models))))
     z = ratios_kg_per_rad(experiments)[:, 2]
     lateral = np.sqrt(np.nansum(noise[:, :2] ** 2, axis=1)) / np.maximum(np.isfinite(noise[:, :2]).sum(axis=1), 1)
     panels = (("(a) x and y", lateral_kg_per_rad(experiments), lateral, 0), ("(b) z", z, noise[:, 2], 2))
@@ -115,17 +114,17 @@ def coefficients_figure(found: DragModels) -> Figure:
 
 
 @styled
-def models_figure(found: DragModels) -> Figure:
+def models_figure(models: DragModels) -> Figure:
     """Return the force along z as measured (marks) and as the chosen model predicts it (lines), with its residuals."""
-    experiments, chosen = found.experiments, found.fits[found.chosen]
+    experiments, chosen = models.experiments, models.fits[models.chosen]
     angles, winds = _angles(experiments), list(_winds(experiments))
-    key = quantities_of(found.chosen)[0]
-    rejections = [one.text for one in found.findings if one.severity == "rejection" and one.concerns(key)]
+    key = quantities_of(models.chosen)[0]
+    rejections = [one.text for one in models.findings if one.severity == "rejection" and one.concerns(key)]
     page, grid = figure(
         4,
         len(angles),
-        heights_in=(2 * KEY_IN, 2.6, 1.7, 0.42 + 0.165 * (len(found.fits) + 1)),
-        title=f"Drag force along z, measured and by the {found.chosen} model",
+        heights_in=(2 * KEY_IN, 2.6, 1.7, 0.42 + 0.165 * (len(models.fits) + 1)),
+        title=f"Drag force along z, measured and by the {models.chosen} model",
         rejections=[f"Rejected: {text}" for text in rejections],
         notes=_not_drawn(experiments),
     )
@@ -145,26 +144,25 @@ def models_figure(found: DragModels) -> Figure:
             )
             axes.axhline(0.0, color=MUTED, lw=0.8)
             line = "" if row == 0 else ":"
-            _draw_winds(axes, winds, angle, experiments, marks, line=line, std=_force_std_n(found)[:, 2])
+            _draw_winds(axes, winds, angle, experiments, marks, line=line, std=_force_std_n(models)[:, 2])
             if row == 0:
                 _draw_winds(axes, winds, angle, experiments, predicted, marker="")
             axes.tick_params(labelbottom=row == 1, labelleft=column == 0)
-    words(page.add_subplot(grid[3, :]), "sum of squared errors over x, y and z", _comparison(found))
+    words(page.add_subplot(grid[3, :]), "sum of squared errors over x, y and z", _comparison(models))
     page.align_ylabels()
     return page
 
 
-def _force_std_n(found: DragModels) -> Array:
+def _force_std_n(models: DragModels) -> Array:
     """Return the standard uncertainty (n, 3) of each force from its noise and its reference's, as scaled by the fit."""
-    sideways, along_z = found.fits[found.chosen].noise_scale
-    own = np.hypot(found.experiments.force_std_n, found.experiments.reference_std_n)
+    sideways, along_z = models.fits[models.chosen].noise_scale
+    own = np.hypot(models.experiments.force_std_n, models.experiments.reference_std_n)
     return np.asarray(own * np.array([sideways, sideways, along_z]))
 
 
-def _comparison(found: DragModels) -> list[tuple[str, str]]:
-    named = [(f"{name} model", f"{fit.sse_n2:.4g} N²") for name, fit in found.fits.items()]
-    how = "not compared" if found.comparison is None else f"{found.chosen}, by wind settings left out one by one"
-    return [*named, ("chosen", how)]
+def _comparison(models: DragModels) -> list[tuple[str, str]]:
+    squares = [(f"{name} model", f"{fit.sse_n2:.4g} N²") for name, fit in models.fits.items()]
+    return [*squares, ("chosen", f"{models.chosen}, by the Bayesian information criterion")]
 
 
 def _angles(experiments: DragExperiments) -> list[float]:

@@ -1,16 +1,87 @@
-"""Model drag: the force of moving air on turning rotors. Each model is a table of regressors."""
+"""Hold drag experiments, and model drag: the force of moving air on turning rotors.
+
+The conventions hold for all of drag:
+
+- The body frame has x forward, y left, z up (along the thrust). The load cell is turned about z against it:
+  F_body = Rz(+yaw) F_sensor; the thesis' yaw in wind is 45 degrees (see `turn_about_z`).
+- v is the velocity of the vehicle relative to the air, in the body frame: it points against the wind. Wind from
+  straight above (angle 0) is a climb, so v_z > 0.
+- An angle is that of the wind generator to the vertical, an azimuth that of its place about z:
+  v = speed (sin angle cos azimuth, -sin angle sin azimuth, cos angle).
+- A drag force f is the force of the air on the vehicle beyond the thrust without wind, in the body frame; a drag
+  coefficient in f = k speed_sum v is therefore negative.
+"""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from cfid.findings import Finding
+from cfid.records.parameters import Source
+from cfid.records.rig_file import RigFacts
+
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 
 _LATERAL, _VERTICAL = np.array([1.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True, kw_only=True)
+class DragExperiments:
+    """Experiments (n,) with turning rotors in wind, forces and velocities (n, 3) in the body frame.
+
+    `velocity_mps` is that of the vehicle relative to the air. `setting` numbers the wind settings from 0: all
+    experiments of a setting share the error of its wind speed, with the relative standard uncertainty
+    `wind_relative_std`. `force_std_n` is the standard uncertainty of each force's own noise, `reference_std_n` that of
+    the reference subtracted from it, which all experiments at its command share. Where `noise_known` is false, both are
+    only relative weights. `names` are those of the recordings, `sources` their files, `rigs` the facts of their rigs;
+    those among them in `tachometers` have measured rotor speeds. A table of forces has no rigs.
+    """
+
+    command: Array
+    angle_deg: Array
+    velocity_mps: Array
+    speed_sum_rad_s: Array
+    force_n: Array
+    force_std_n: Array
+    reference_std_n: Array
+    noise_known: bool
+    setting: Indices
+    wind_relative_std: Array
+    names: tuple[str, ...]
+    findings: tuple[Finding, ...] = ()
+    sources: tuple[Source, ...] = ()
+    rigs: tuple[RigFacts, ...] = ()
+    tachometers: tuple[RigFacts, ...] = ()
+
+    @property
+    def wind_mps(self) -> Array:
+        """The wind's speed (n,)."""
+        return np.asarray(np.linalg.norm(self.velocity_mps, axis=1))
+
+    @property
+    def settings(self) -> int:
+        """The number of wind settings."""
+        return int(self.setting.max()) + 1
+
+    def at(self, rows: npt.NDArray[np.bool_]) -> "DragExperiments":
+        """Return some of the experiments, with new numbers of their settings."""
+        return replace(
+            self,
+            command=self.command[rows],
+            angle_deg=self.angle_deg[rows],
+            velocity_mps=self.velocity_mps[rows],
+            speed_sum_rad_s=self.speed_sum_rad_s[rows],
+            force_n=self.force_n[rows],
+            force_std_n=self.force_std_n[rows],
+            reference_std_n=self.reference_std_n[rows],
+            setting=np.unique(self.setting[rows], return_inverse=True)[1],
+            wind_relative_std=self.wind_relative_std[rows],
+            names=tuple(np.array(self.names)[rows].tolist()),
+        )
 
 
 class Term(NamedTuple):
@@ -26,7 +97,7 @@ class Term(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class DragModel:
-    """f (n, 3) = rows(velocity (n, 3), speed sum (n,)) (n, 3, p) @ coefficients (p,), all SI, body frame.
+    """Force (n, 3) = rows (n, 3, p) of `terms` @ coefficients (p,), all SI, body frame.
 
     `layout` places the coefficients as the thesis prints them.
     """
@@ -35,28 +106,9 @@ class DragModel:
     layout: Indices
     terms: tuple[Term, ...]
 
-    @property
-    def unknowns(self) -> int:
-        """The number of coefficients."""
-        return len(self.terms)
-
-    def rows(self, velocity_mps: Array, speed_sum_rad_s: Array) -> Array:
-        """Return the regressors (n, 3, p) of velocities (n, 3) and speed sums (n,)."""
-        return rows_of(self.terms, velocity_mps, speed_sum_rad_s)
-
-    def force_n(self, coefficients: Array, *, velocity_mps: Array, speed_sum_rad_s: Array) -> Array:
-        """Return the drag force (n, 3) for coefficients (p,)."""
-        return np.asarray(self.rows(velocity_mps, speed_sum_rad_s) @ coefficients)
-
-    def coefficients(self, printed: npt.ArrayLike) -> Array:
-        """Return the coefficients (p,) of a table in the layout of the thesis."""
-        found = np.zeros(self.unknowns)
-        found[self.layout] = printed
-        return found
-
 
 def rows_of(terms: tuple[Term, ...], velocity_mps: Array, speed_sum_rad_s: Array) -> Array:
-    """Return the regressors (n, 3, p) of p terms."""
+    """Return the regressors (n, 3, p) of p terms at velocities (n, 3) and speed sums (n,)."""
     speed_sum = speed_sum_rad_s[:, np.newaxis]
     return np.stack([term.regressor(velocity_mps, speed_sum) * term.axes for term in terms], axis=2)
 

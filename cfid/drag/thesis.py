@@ -4,13 +4,13 @@ What C.3.1 calls least squares is the mean of force / (speed sum * velocity), so
 ones. Generalised least squares is the default elsewhere.
 """
 
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from cfid.drag.experiments import DragExperiments
+from cfid.drag.model import DragExperiments
 from cfid.errors import FitError
 
 Array = npt.NDArray[np.float64]
@@ -19,17 +19,6 @@ Grouping = Literal["each", "lateral", "command", "wind", "angle"]
 _ACROSS = 1e-6  # of the wind speed: a smaller component is rounding and determines nothing along that axis
 # The groupings that C.3.1 calls kappa_orth_LS_allWinds, _allInputs and _all.
 _GROUPED_BY = {"command": ["angle_deg", "command"], "wind": ["angle_deg", "wind_mps"], "angle": ["angle_deg"]}
-
-
-class Normalised(NamedTuple):
-    """Coefficients (6, 3), each times the mean of its regressor, over the sum of these means.
-
-    The third term's regressor is the square of the speed sum. C.3.1 weights it with the speed sum itself (norm3), which
-    gives `thesis`, eq. 4.10; `squared` uses the square, which changes the sum and so all others.
-    """
-
-    thesis: Array
-    squared: Array
 
 
 def ratios_kg_per_rad(experiments: DragExperiments) -> Array:
@@ -81,12 +70,17 @@ def group_rows(experiments: DragExperiments, grouping: Grouping) -> list[dict[st
     return [{str(name): value for name, value in row.items()} for row in found.to_dict("records")]
 
 
-def normalise(coefficients: Array, *, wind_mps: npt.ArrayLike, speed_sum_rad_s: npt.ArrayLike) -> Normalised:
-    """Return k1 to k6 (6, 3) of eq. 4.5, or their uncertainties, normalised by winds and speed sums (n,)."""
-    wind, speed = (np.asarray(given, dtype=np.float64).mean() for given in (wind_mps, speed_sum_rad_s))
-    thesis = np.array([speed * wind, wind**2, speed, wind, speed, 1.0])
-    squared = np.array([speed * wind, wind**2, speed**2, wind, speed, 1.0])
-    return Normalised(*(coefficients * (means / means.sum())[:, np.newaxis] for means in (thesis, squared)))
+def normalise(
+    coefficients: Array, *, wind_mps: npt.ArrayLike, speed_sum_rad_s: npt.ArrayLike, squared: bool = False
+) -> Array:
+    """Return k1 to k6 (6, 3) of eq. 4.5, each times the mean of its regressor over the sum of these means.
+
+    The third term's regressor is the square of the speed sum. C.3.1 weights it with the speed sum itself (norm3), which
+    gives eq. 4.10; `squared` uses the square, which changes the sum and so all others. Winds and speed sums are (n,).
+    """
+    wind, speed = (float(np.asarray(given, dtype=np.float64).mean()) for given in (wind_mps, speed_sum_rad_s))
+    means = np.array([speed * wind, wind**2, speed**2 if squared else speed, wind, speed, 1.0])
+    return np.asarray(coefficients * (means / means.sum())[:, np.newaxis])
 
 
 def _usable(experiments: DragExperiments) -> npt.NDArray[np.bool_]:

@@ -15,7 +15,7 @@ import pandas as pd
 
 from cfid.drag.comparison import fit_models
 from cfid.drag.data import read_index
-from cfid.drag.wind.plan import THESIS_WINDS
+from cfid.drag.plan import THESIS_WINDS
 from tests.drag.wind_tunnel import COMMANDS, SHOWN_RPM, SimpleAir, Tunnel, Wind, record
 
 RATE_HZ = 7000.0
@@ -27,7 +27,7 @@ COLUMNS = ["Fx", "Fy", "Fz", "Tx", "Ty", "Tz"]
 def write(path: Path, wind: Wind, command: int, rng: np.random.Generator) -> None:
     tunnel = Tunnel(air=SimpleAir(kg_per_rad=EQ_4_8))
     time_s, counts = record(tunnel, wind, command=command, rng=rng, rate_hz=RATE_HZ)
-    table = pd.DataFrame(counts, columns=COLUMNS)
+    table = pd.DataFrame(counts, columns=[f"{axis}_counts" for axis in COLUMNS])
     table.insert(0, "t", [f"{1763712345 + t:.6f}" for t in time_s])
     table.to_csv(path, index=False)
 

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from cfid.drag.comparison import DragModels, fit_models
 from cfid.drag.figures import coefficients_figure, drag_figures, forces_figure, models_figure
-from tests.drag.test_drag_campaigns import SIMPLE_AIR, exact, measured
+from tests.drag.thesis_campaign import SIMPLE_AIR, exact, measured
 from tests.drag.wind_tunnel import Wind
 
 Look = Callable[[Figure], Any]
@@ -84,7 +84,7 @@ def test_the_model_is_drawn_as_lines_through_the_measured_forces_and_squared_err
     assert {line.get_linestyle() for line in marks} == {"None"}
     written = " ".join(text.get_text() for axes in page.axes for text in axes.texts)
     assert f"{found.fits['simple'].sse_n2:.4g} N²" in written
-    assert "simple, by wind settings left out one by one" in written
+    assert "simple, by the Bayesian information criterion" in written
     assert not look(page).overlapping()
 
 

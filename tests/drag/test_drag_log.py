@@ -10,7 +10,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from cfid.drag.wind.command import SweepOptions, WindOptions
+from cfid.drag.command import SweepOptions, WindOptions
+from cfid.drag.plan import THESIS_WINDS, missing_lines, missing_runs, thesis_plan
 from cfid.errors import ConfigError
 from cfid.motors.missing_steps import missing
 from cfid.records.files import RIG_FILE
@@ -29,6 +30,20 @@ IN_WIND = ("log", "wind", "--angle", 48.4, "--fan-voltage", 8, "--wind", "2.0,3.
 def bench(tmp_path: Path) -> Iterator[Bench]:
     with bench_in(tmp_path, wind={"angle_deg": 48.4, "speed_mps": 2.9}) as bench:
         yield bench
+
+
+def test_the_plan_is_that_of_section_4_4_2_and_missing_runs_are_a_line_a_setting() -> None:
+    plan = thesis_plan()
+
+    assert len(plan) == len(set(plan)) == 112
+    assert np.mean([(wind.min_mps + wind.max_mps) / 2 for wind in THESIS_WINDS]) == pytest.approx(2.85)
+    another = plan[5]._replace(command=12345)
+    assert missing_runs([*plan, another, plan[0]]) == ()
+    assert missing_runs([plan[5], plan[0], plan[0], another], plan[:7]) == (*plan[1:5], plan[6])
+    assert missing_lines([*plan[:7], plan[8], *plan[14:]]) == [
+        "of the thesis' 112 runs 106 are recorded, missing are:",
+        "  0 deg, 5 V      0, 20000, 30000, 37300, 40000, 50000",
+    ]
 
 
 # Before any motor turns
@@ -56,7 +71,7 @@ def test_a_dry_run_says_the_wind_how_long_it_takes_and_what_the_thesis_plan_lack
         ({"wind": "2000,3700"}, "--wind 2000,3700: should be"),
         ({"wind": "2,3"}, "--angle DEG"),
         ({"wind": "2,3", "angle": 200.0}, "--angle 200"),
-        ({"wind": "2,3", "angle": 10.0, "azimuth_rad": float("nan")}, "--azimuth-rad nan"),
+        ({"wind": "2,3", "angle": 10.0, "azimuth_deg": float("nan")}, "--azimuth-deg nan"),
         ({"wind": "2,3", "angle": 10.0, "fan_voltage": -5.0}, "--fan-voltage -5"),
         ({"wind": "2,3", "angle": 10.0, "fan_voltage": 1e9}, "--fan-voltage 1e+09"),
     ],

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.drag.wind.mean_forces import MeanForce, mean_force, mean_force_thesis
+from cfid.drag.data import MeanForce, mean_force, mean_force_thesis
 from cfid.errors import DataError, FitError
 
 RATE_HZ, NOISE_N = 500.0, 0.01
@@ -56,23 +56,24 @@ def test_a_command_without_a_pause_after_it_has_a_warning() -> None:
     assert mean_force(**record(1), command=20000).findings == ()
 
 
-def repeated(seed: int, noise_n: float) -> Recorded:
-    """Return a record of a load cell that is read at 20 Hz, so that 25 rows show the same reading."""
-    whole = record(seed)
-    read = np.arange(len(whole["time_s"])) // 25 * 25
-    noise = np.random.default_rng(seed).normal(0, noise_n, whole["force_n"].shape)
-    return {"time_s": whole["time_s"], "force_n": (whole["force_n"] + noise)[read]}
+def test_readings_that_rows_repeat_count_once_and_explain_steps_that_are_none() -> None:
+    time_s = record(3)["time_s"]
+    read = np.arange(len(time_s)) // 25 * 25  # a load cell that is read at 20 Hz
+    mean = mean_force(time_s=time_s, force_n=record(3)["force_n"][read], command=20000)
 
-
-def test_readings_that_rows_repeat_are_noted_and_explain_steps_that_are_none() -> None:
-    found = mean_force(**repeated(3, 0.0), command=20000)
-    (finding,) = found.findings
-
-    assert np.all(np.abs(found.force_n - FORCE_N) < 3 * found.std_n)
-    assert finding.code == "drag-forces-repeated"
-    assert "in about 25 rows: 500 rows a second show 20 readings" in finding.text
+    assert np.all(np.abs(mean.force_n - FORCE_N) < 3 * mean.std_n)
+    noise = np.random.default_rng(1).normal(0, 5 * NOISE_N, (len(time_s), 3))
     with pytest.raises(FitError, match="Readings repeat in about 25 rows: the scatter of so few may look like steps"):
-        mean_force(**repeated(1, 5 * NOISE_N), command=20000)
+        mean_force(time_s=time_s, force_n=(record(1)["force_n"] + noise)[read], command=20000)
+
+
+def test_spikes_do_not_move_the_mean() -> None:
+    whole = record(1)
+    spoilt = whole["force_n"].copy()
+    spoilt[[400, 1501, 1700, 2202], [0, 1, 2, 2]] += (5.0, -30.0, 2000.0, 1e5)
+
+    sound, mean = mean_force(**whole, command=20000), mean_force(time_s=whole["time_s"], force_n=spoilt, command=20000)
+    np.testing.assert_allclose(mean.force_n, sound.force_n, atol=sound.std_n.min())
 
 
 def test_a_record_or_window_that_is_too_short_is_refused() -> None:

@@ -1,5 +1,6 @@
 """Recordings of a wind tunnel and their index, in the formats of the thesis' logger and an operator's spreadsheet."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -71,7 +72,7 @@ def _row(command: int, wind: Wind) -> Row:
         "wind_min_mps": f"{wind.min_mps:g}",
         "wind_max_mps": f"{wind.max_mps:g}",
         "tach_rpm": f"{np.interp(command, COMMANDS, SHOWN_RPM):g}" if windy else "",
-        "azimuth_rad": f"{wind.azimuth_rad:g}" if windy else "",
+        "azimuth_deg": f"{math.degrees(wind.azimuth_rad):.4f}" if windy else "",
         "loadcell": name_of(command, wind),
     }
 

@@ -9,7 +9,7 @@ import numpy.typing as npt
 import pytest
 
 from cfid.drag import fit as fit_drag
-from cfid.drag.experiments import DragExperiments
+from cfid.drag.model import DragExperiments
 from cfid.estimate.common_causes import arm_scales, power_law, with_common_causes
 from cfid.motors.maps import fit_speed, fit_thrust, fit_torque
 from cfid.motors.maps.evidence import Evidence
@@ -249,6 +249,7 @@ def _drag(rng: np.random.Generator) -> list[float]:
         noise_known=True,
         setting=settings,
         wind_relative_std=np.full(len(rows), 1e-6),
+        names=("",) * len(rows),
         rigs=(RIG,),
         tachometers=(RIG,),
     )

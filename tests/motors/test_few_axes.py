@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cfid.drag.wind.data import AS_THEY_ARE, reduce_run
+from cfid.drag.data import reduce_run
 from cfid.errors import CfidError, DataError, FitError
 from cfid.motors import maps, vibration
 from cfid.motors.maps.verdict import of_forces
@@ -79,7 +79,7 @@ def test_a_wind_needs_all_forces(tmp_path: Path) -> None:
     write_header(run.folder, run.header.model_copy(update={"kind": "wind", "requested": requested}))
 
     with pytest.raises(DataError, match="measured Fz alone, and drag needs Fx, Fy"):
-        reduce_run(run.folder, AS_THEY_ARE)
+        reduce_run(run.folder)
 
 
 def test_speeds_from_vibration_that_sampling_folds_are_rejected(of_fz: Run) -> None:

@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from scipy.io import savemat
 
-from cfid.drag.wind.index import read_wind_index
+from cfid.drag.data import read_wind_index
 from cfid.errors import CfidError, DataError
 from cfid.recordings.angle import angle_of
 from cfid.recordings.read import read_recording

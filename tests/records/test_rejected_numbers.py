@@ -30,7 +30,7 @@ from cfid.records.result import Dependent, Result
 from cfid.records.rig_file import thesis_rig
 from cfid.records.run import Label
 from cfid.transfer.model import TransferFunction
-from tests.drag.test_drag_campaigns import COMPLEX_AIR, measured
+from tests.drag.thesis_campaign import COMPLEX_AIR, measured
 from tests.drawn import swing_record
 from tests.estimate.test_common_causes import evidence
 from tests.friction.test_drops_of_imperfect_labs import record as dropped

@@ -1,1 +1,0 @@
-"""Plan and record wind runs, and reduce them to one force per command."""
