@@ -465,6 +465,9 @@ def reduce_points(points: pd.DataFrame) -> DragExperiments:
 
     Raises DataError, with names, when a reference, an angle or a reading is missing.
     """
+    nothing = DataError("no run has both wind and turning rotors: without them there is no drag to identify.")
+    if points.empty:
+        raise nothing
     refuse_impossible(points)
     still = points[points["max_mps"] == 0].groupby("command")
     reference = (
@@ -475,7 +478,7 @@ def reduce_points(points: pd.DataFrame) -> DragExperiments:
     )
     windy = points[(points["max_mps"] > 0) & (points["command"] > DEAD_COMMAND)]
     if windy.empty:
-        raise DataError("no run has both wind and turning rotors: without them there is no drag to identify.")
+        raise nothing
     findings = list[Finding]()
     lacking = windy[~windy["command"].isin(reference.index)]
     if len(lacking):
@@ -558,10 +561,10 @@ def refuse_impossible(points: pd.DataFrame) -> None:
         if wrong.any():
             point = points[wrong].iloc[0]
             raise DataError(f"{point['name']}: {sentence.format(**point)}")
-    for degrees, there in points.groupby("angle_deg"):
-        if degrees and not there["max_mps"].any():
+    for degrees, runs in points.groupby("angle_deg"):
+        if degrees and not runs["max_mps"].any():
             raise DataError(
-                f"{counted(len(there), 'run')} at {degrees:g} degrees, none with wind ({there['name'].iloc[0]}): give "
+                f"{counted(len(runs), 'run')} at {degrees:g} degrees, none with wind ({runs['name'].iloc[0]}): give "
                 "their wind speeds, or no angle where they are references."
             )
 

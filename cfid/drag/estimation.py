@@ -15,6 +15,7 @@ import numpy.typing as npt
 from scipy.linalg import solve_triangular
 from scipy.optimize import brentq
 
+from cfid.counted import counted
 from cfid.drag.model import BODY, DragExperiments, DragModel, rows_of
 from cfid.errors import FitError
 from cfid.estimate.linear import gain_of, std_of
@@ -157,9 +158,9 @@ def _condition(experiments: DragExperiments, model: DragModel, rows: Array) -> f
     if rank < unknowns:
         more = " with intercepts or a parasitic term" if unknowns > len(model.terms) else ""
         raise FitError(
-            f"{len(rows) // 3} experiments in {experiments.settings} wind settings determine {rank} of {unknowns} "
-            f"unknowns of the {model.name} model{more}: record more wind settings and commands, or leave out what is "
-            "constant throughout a wind setting."
+            f"{counted(len(rows) // 3, 'experiment')} in {counted(experiments.settings, 'wind setting')} determine "
+            f"{rank} of {unknowns} unknowns of the {model.name} model{more}: record more wind settings and commands, "
+            "or leave out what is constant throughout a wind setting."
         )
     return float(singular[0] / singular[-1])
 

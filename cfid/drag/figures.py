@@ -99,15 +99,15 @@ def coefficients_figure(models: DragModels) -> Figure:
     z = ratios_kg_per_rad(experiments)[:, 2]
     lateral = np.sqrt(np.nansum(noise[:, :2] ** 2, axis=1)) / np.maximum(np.isfinite(noise[:, :2]).sum(axis=1), 1)
     panels = (("(a) x and y", lateral_kg_per_rad(experiments), lateral, 0), ("(b) z", z, noise[:, 2], 2))
-    for row, (title, each, of_noise, place) in enumerate(panels):
+    for row, (title, coefficient, noise_std, place) in enumerate(panels):
         first = axes = page.add_subplot(grid[1 + row, 0], sharex=first)
         name_panel(axes, title, x=_SPEED if row else "", y="coefficient (kg/rad)")
         value, std = simple.value[place], simple.std[place]
         axes.axhspan(value - std, value + std, fc=INK, alpha=0.15, lw=0)
         axes.axhline(value, color=INK, lw=1.1)
-        of_each = np.hypot(of_noise, experiments.wind_relative_std * each)
+        std_of_each = np.hypot(noise_std, experiments.wind_relative_std * coefficient)
         for angle in angles:
-            _draw_winds(axes, winds, angle, experiments, each, std=of_each)
+            _draw_winds(axes, winds, angle, experiments, coefficient, std=std_of_each)
         axes.ticklabel_format(axis="y", style="sci", scilimits=(0, 0))
     page.align_ylabels()
     return page
@@ -119,7 +119,9 @@ def models_figure(models: DragModels) -> Figure:
     experiments, chosen = models.experiments, models.fits[models.chosen]
     angles, winds = _angles(experiments), list(_winds(experiments))
     key = quantities_of(models.chosen)[0]
-    rejections = [one.text for one in models.findings if one.severity == "rejection" and one.concerns(key)]
+    rejections = [
+        finding.text for finding in models.findings if finding.severity == "rejection" and finding.concerns(key)
+    ]
     page, grid = figure(
         4,
         len(angles),
@@ -156,8 +158,8 @@ def models_figure(models: DragModels) -> Figure:
 def _force_std_n(models: DragModels) -> Array:
     """Return the standard uncertainty (n, 3) of each force from its noise and its reference's, as scaled by the fit."""
     sideways, along_z = models.fits[models.chosen].noise_scale
-    own = np.hypot(models.experiments.force_std_n, models.experiments.reference_std_n)
-    return np.asarray(own * np.array([sideways, sideways, along_z]))
+    stated = np.hypot(models.experiments.force_std_n, models.experiments.reference_std_n)
+    return np.asarray(stated * np.array([sideways, sideways, along_z]))
 
 
 def _comparison(models: DragModels) -> list[tuple[str, str]]:
@@ -167,9 +169,9 @@ def _comparison(models: DragModels) -> list[tuple[str, str]]:
 
 def _angles(experiments: DragExperiments) -> list[float]:
     """Return the angles with a column of their own: if there are many, a selection spread evenly over all."""
-    there = np.unique(experiments.angle_deg)
-    kept = np.unique(np.linspace(0, len(there) - 1, min(len(there), _MOST_ANGLES)).round().astype(int))
-    return [float(angle) for angle in there[kept]]
+    angles = np.unique(experiments.angle_deg)
+    drawn = np.unique(np.linspace(0, len(angles) - 1, min(len(angles), _MOST_ANGLES)).round().astype(int))
+    return [float(angle) for angle in angles[drawn]]
 
 
 def _not_drawn(experiments: DragExperiments) -> list[str]:
@@ -182,8 +184,8 @@ def _winds(experiments: DragExperiments) -> Iterator[_Wind]:
     angles = _angles(experiments)
     fastest = float(experiments.wind_mps.max())
     for setting in range(experiments.settings):
-        there = np.flatnonzero(experiments.setting == setting)
-        rows = there[np.argsort(experiments.speed_sum_rad_s[there])]
+        rows = np.flatnonzero(experiments.setting == setting)
+        rows = rows[np.argsort(experiments.speed_sum_rad_s[rows])]
         angle, speed = float(experiments.angle_deg[rows[0]]), float(experiments.wind_mps[rows[0]])
         if angle not in angles:
             continue

@@ -149,13 +149,13 @@ def recorded(runs: Sequence[Run]) -> list[PlannedRun]:
 
     In a run that ended early, the commands count that `--resume` would not hold again.
     """
-    found = []
+    commands = []
     for run in runs:
         with suppress(DataError):  # errors in a run are reported by its fit
             setting = setting_of(run)
             place = (None, 0.0) if setting.is_reference else (setting.angle_deg, setting.fan_v)
-            found += [PlannedRun(command, *place) for command in _done(run)]
-    return found
+            commands += [PlannedRun(command, *place) for command in _done(run)]
+    return commands
 
 
 def _done(run: Run) -> list[int]:

@@ -61,13 +61,13 @@ def group_rows(experiments: DragExperiments, grouping: Grouping) -> list[dict[st
     )
     if grouping == "each":
         ratios = ratios_kg_per_rad(experiments).T
-        found = settings.assign(**{f"{axis}_kg_per_rad": ratio for axis, ratio in zip("xyz", ratios, strict=True)})
+        groups = settings.assign(**{f"{axis}_kg_per_rad": ratio for axis, ratio in zip("xyz", ratios, strict=True)})
     else:
-        found = settings.assign(kg_per_rad=lateral_kg_per_rad(experiments))
+        groups = settings.assign(kg_per_rad=lateral_kg_per_rad(experiments))
     if grouping in _GROUPED_BY:
-        rounded = found.assign(wind_mps=found["wind_mps"].round(6)).dropna()
-        found = rounded.groupby(_GROUPED_BY[grouping], as_index=False)["kg_per_rad"].mean()
-    return [{str(name): value for name, value in row.items()} for row in found.to_dict("records")]
+        rounded = groups.assign(wind_mps=groups["wind_mps"].round(6)).dropna()
+        groups = rounded.groupby(_GROUPED_BY[grouping], as_index=False)["kg_per_rad"].mean()
+    return [{str(name): value for name, value in row.items()} for row in groups.to_dict("records")]
 
 
 def normalise(

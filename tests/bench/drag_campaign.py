@@ -37,7 +37,10 @@ def campaign(folder: Path) -> tuple[Path, list[Path]]:
     rng = np.random.default_rng(3)
     rows, files = ["command,angle_deg,wind_min_mps,wind_max_mps,tach_rpm,loadcell"], []
     still = Wind(0.0, 0.0, 0.0)
-    winds = [Wind(setting.angle_deg or 0.0, setting.min_mps, setting.max_mps) for setting in THESIS_WINDS[:WINDS]]
+    winds = [
+        Wind(setting.angle_deg or 0.0, setting.min_mps, setting.max_mps)
+        for setting in THESIS_WINDS[:: -(-len(THESIS_WINDS) // WINDS)]
+    ]
     for number, wind in enumerate([still, *winds]):
         for command, shown in zip(COMMANDS, SHOWN_RPM, strict=True):
             path = folder / f"{number}_{command}.csv"

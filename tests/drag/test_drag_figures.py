@@ -44,24 +44,6 @@ def test_each_component_has_a_panel_for_each_angle_and_a_line_for_each_wind(foun
     assert not look(page).overlapping()
 
 
-def test_lines_show_the_forces_in_the_order_of_the_rotors_speed(found: DragModels) -> None:
-    drawn = np.concatenate(
-        [line.get_ydata() for axes in panels(forces_figure(found.experiments))[6:] for line in curves(axes)]
-    )
-
-    assert np.sort(drawn) == pytest.approx(np.sort(found.experiments.force_n[:, 2]))
-    for line in curves(panels(forces_figure(found.experiments))[0]):
-        assert np.all(np.diff(line.get_xdata()) >= 0)
-
-
-def test_faster_wind_is_lighter(found: DragModels) -> None:
-    lines = curves(panels(forces_figure(found.experiments))[6])
-    lightness = [sum(line.get_color()) for line in lines]
-    slope = [line.get_ydata()[-1] for line in lines]
-
-    assert np.all(np.diff(np.array(lightness)[np.argsort(slope)]) < 0)
-
-
 def test_coefficients_of_x_and_y_leave_out_the_wind_from_above(found: DragModels, look: Look) -> None:
     page = coefficients_figure(found)
     lateral, vertical = panels(page)

@@ -240,12 +240,6 @@ def change(at: int, wind: Wind, **fields: str) -> Spoil:
     return lambda tunnel: tunnel.row(at, wind).update(fields)
 
 
-def becalm(tunnel: WindFolder) -> None:
-    for row in tunnel.rows:
-        if row["angle_deg"] == "77.9":
-            row |= {"wind_min_mps": "0", "wind_max_mps": "0"}
-
-
 def spoil_file(text: str) -> Spoil:
     path = name_of(DRIVEN[0], WINDS[1])
     return lambda tunnel: (tunnel.folder / path).write_text(text)
@@ -258,11 +252,8 @@ def copy_file(tunnel: WindFolder) -> None:
 
 NOISE = "t,Fx_counts,Fy,Fz,Tx,Ty,Tz\n" + "".join(f"{0.0025 * i:.4f},1,2,{i % 7},4,5,6\n" for i in range(2400))
 SPOILT: dict[str, tuple[Spoil, str]] = {
-    "wind without an angle": (change(20000, WINDS[1], angle_deg=""), "wind of 2.6 m/s without an angle"),
-    "an angle without wind": (becalm, "runs at 77.9 degrees, none with wind"),
     "no lowest wind": (change(20000, WINDS[1], wind_min_mps=""), "wind.csv:9: '' in column 'wind_min_mps'"),
     "nan": (change(20000, WINDS[1], wind_max_mps="nan"), "'nan' in column 'wind_max_mps' is not a number"),
-    "winds exchanged": (change(20000, WINDS[1], wind_min_mps="9"), "give the lowest reading, then the highest"),
     "no command": (change(20000, WINDS[1], command="70000"), "command is 70000: it should be a whole number"),
     "a missing file": (change(20000, WINDS[1], loadcell="none.csv"), "none.csv: no such file."),
     "no file named": (change(20000, WINDS[1], loadcell=""), "column 'loadcell' is empty"),
@@ -270,12 +261,6 @@ SPOILT: dict[str, tuple[Spoil, str]] = {
         change(20000, WINDS[1], loadcell=name_of(40000, WINDS[1])),
         "is the file of wind.csv:9 too: name it in one row.",
     ),
-    "wind in mm/s": (change(20000, WINDS[1], wind_max_mps="2600"), "wind of 2600 m/s: give it in m/s, up to 100"),
-    "an angle round the circle": (
-        change(20000, WINDS[1], angle_deg="400"),
-        "an angle of 400 degrees: it counts from 0",
-    ),
-    "an angle below zero": (change(20000, WINDS[1], angle_deg="-48.4"), "an angle of -48.4 degrees: it counts from 0"),
     "a copy of a file": (copy_file, "the same recording as"),
     "a file of another kind": (
         spoil_file("t,phi\n" + "".join(f"{0.1 * i},2\n" for i in range(30))),

@@ -191,13 +191,6 @@ def test_stated_noise_is_widened_and_never_narrowed() -> None:
     assert scales[2] == (1.0, 1.0)
 
 
-def test_the_complex_model_is_the_worst_conditioned() -> None:
-    conditions = [fit_drag(exact(SIMPLE_AIR), model).condition for model in (SIMPLE, CROSS, COMPLEX)]
-
-    assert conditions[0] == pytest.approx(1.0)
-    assert conditions[0] < conditions[1] < conditions[2]
-
-
 def test_a_fit_moves_with_its_experiments_as_a_new_fit_does() -> None:
     experiments = measured(CROSS_AIR, np.random.default_rng(6))
     faster = replace(experiments, velocity_mps=1.002 * experiments.velocity_mps, force_n=1.003 * experiments.force_n)

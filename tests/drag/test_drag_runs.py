@@ -256,6 +256,8 @@ def test_wind_without_any_reference_is_refused(campaign: Path) -> None:
     run = blown(campaign, WINDS[2])
     with pytest.raises(DataError, match="no run without wind at command 20000, 40000"):
         drag.read_runs([run])
+    with pytest.raises(DataError, match="no run has both wind and turning rotors"):
+        drag.fit([])
 
 
 def test_one_wind_setting_determines_the_simple_model_alone(campaign: Path) -> None:
