@@ -188,7 +188,7 @@ def _balances(
     from cfid.console.vehicle import confirm
     from cfid.errors import CfidError, ConfigError, DeviceError
     from cfid.motors.plan import StaircasePlan
-    from cfid.motors.staircase.record import run_staircase
+    from cfid.motors.record import run_staircase
     from cfid.rig.check import DeviceAnswer
     from cfid.rig.run import sample
     from cfid.units import MOTORS

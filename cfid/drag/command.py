@@ -157,7 +157,7 @@ def wind(
     Example: [bold]cfid log wind --angle 48.4 --fan-voltage 8 --wind 2.0,3.7[/bold]
     """
     from cfid.drag.plan import KIND, missing_lines
-    from cfid.motors.record import record_forces
+    from cfid.motors.record import StaircaseRecording, record_forces
 
     rig = rig_of(keep.campaign)
     campaign, simulated = rig.campaign, rig.simulated
@@ -172,13 +172,12 @@ def wind(
     if sweep.dry_run:
         _announce(setting, staircase, _recorded(campaign, simulated=simulated), asks=asks)
         return
-    record_forces(
-        KIND,
-        staircase,
-        rig,
+    recording = StaircaseRecording(
+        kind=KIND,
+        staircase=staircase,
+        rig=rig,
         vehicle=vehicle,
         log_ms=log_ms,
-        rate_hz=rate_hz,
         keep=keep,
         note=note,
         judge=later("cfid.drag.data", "verdict"),
@@ -188,6 +187,7 @@ def wind(
         requested=setting.to_run(),
         found=lambda run: _missing(_recorded(campaign, simulated=simulated)),
     )
+    record_forces(recording, rate_hz=rate_hz)
 
 
 def _speeds(text: str) -> tuple[float, float]:
@@ -206,7 +206,7 @@ def _requested(options: WindOptions, sweep: SweepOptions, resume: Path | None) -
     if resume is None:
         return options.setting(), sweep.staircase()
     from cfid.drag.plan import KIND, setting_of
-    from cfid.motors.missing_steps import missing
+    from cfid.motors.plan import missing
     from cfid.records.run import read_run
 
     options.refuse(resume)

@@ -28,7 +28,6 @@ from cfid.estimate.signals import quiet_mean
 from cfid.estimate.staircase import Point, Words, reduce_single
 from cfid.findings import Finding, joined, merged, note, rejection, texts, warning
 from cfid.motors import data as motors
-from cfid.motors.maps.checks import marker_findings
 from cfid.motors.plan import StaircasePlan
 from cfid.motors.points import rotor_speed_rad_s
 from cfid.motors.vibration.data import Rotors, VibrationRecord
@@ -523,9 +522,7 @@ def reduce_points(points: pd.DataFrame) -> DragExperiments:
         wind_relative_std=spread,
         names=tuple(windy["name"]),
     )
-    lift_n = thrust["fz_n"].to_numpy() / ROTORS
-    markers = marker_findings(experiments.command, speed, lift_n, quantities=("drag.*",), single=False)
-    findings = [*_sagged(windy, thrust), *findings, *_out_of_order(reference), *markers]
+    findings = [*_sagged(windy, thrust), *findings, *_out_of_order(reference)]
     return replace(experiments, findings=tuple(findings))
 
 
@@ -663,5 +660,4 @@ def experiments_from_table(table: pd.DataFrame, names: Sequence[str] | None = No
         setting=np.unique(np.rint(velocity / _SAME), axis=0, return_inverse=True)[1].reshape(-1),
         wind_relative_std=np.full(len(rows), UNSTATED_WIND_STD),
         names=tuple(labels.tolist()),
-        findings=marker_findings(command, speed_sum / ROTORS, quantities=("drag.*",), single=False),
     )

@@ -107,7 +107,7 @@ def thrust(
 
     Example: [bold]cfid log thrust --from 0 --to 64000 --step 2000 --motor 1,3[/bold]
     """
-    from cfid.motors.record import record_forces
+    from cfid.motors.record import StaircaseRecording, record_forces
 
     rig = rig_of(keep.campaign)
     wanted = thrust_staircase(options, motor)
@@ -115,17 +115,17 @@ def thrust(
     if options.dry_run:
         announce(wanted)
     else:
-        record_forces(
-            "thrust",
-            wanted,
-            rig,
+        recording = StaircaseRecording(
+            kind="thrust",
+            staircase=wanted,
+            rig=rig,
             vehicle=vehicle,
             log_ms=log_ms,
-            rate_hz=rate_hz,
             keep=keep,
             note=note,
             judge=later("cfid.motors.maps.verdict", "of_forces"),
         )
+        record_forces(recording, rate_hz=rate_hz)
 
 
 @flat
@@ -155,7 +155,7 @@ def speed(
 
     Example: [bold]cfid log speed --motor 1[/bold]
     """
-    from cfid.motors.record import record_speed
+    from cfid.motors.record import StaircaseRecording, record_speed
 
     rig = rig_of(keep.campaign)
     tachometer = tachometer or _tachometer_of(resume, rig.campaign)
@@ -166,18 +166,18 @@ def speed(
     if options.dry_run:
         announce(wanted)
     else:
-        record_speed(
-            wanted,
-            rig,
-            tachometer=tachometer,
-            port=port,
-            wait=wait,
+        recording = StaircaseRecording(
+            kind="speed",
+            staircase=wanted,
+            rig=rig,
             vehicle=vehicle,
             log_ms=log_ms,
             keep=keep,
             note=note,
             judge=later("cfid.motors.maps.verdict", "of_readings"),
+            wait=wait,
         )
+        record_speed(recording, tachometer=tachometer, port=port)
 
 
 @flat
@@ -212,7 +212,7 @@ def scales(
 
     Example: [bold]cfid log scales --motor 1,3[/bold]
     """
-    from cfid.motors.record import record_scales
+    from cfid.motors.record import StaircaseRecording, record_scales
 
     wanted = options.staircase(
         motors_of(motor, (1, 3)), step=_SCALES_STEP, hold_s=_SCALES_HOLD_S, rest_s=_SCALES_REST_S
@@ -223,18 +223,19 @@ def scales(
     if options.dry_run:
         announce(wanted)
     else:
-        record_scales(
-            wanted,
-            rig,
-            port=port or known.get("port"),
-            wait=wait,
-            baud=baud or known.get("baud") or _SCALES_BAUD,
+        recording = StaircaseRecording(
+            kind="scales",
+            staircase=wanted,
+            rig=rig,
             vehicle=vehicle,
             log_ms=log_ms,
             keep=keep,
             note=note,
             judge=later("cfid.motors.maps.verdict", "of_readings"),
+            wait=wait,
         )
+        port, baud = port or known.get("port"), baud or known.get("baud") or _SCALES_BAUD
+        record_scales(recording, port=port, baud=baud)
 
 
 def thrust_staircase(options: StaircaseOptions, motor: list[str] | None = None) -> "StaircasePlan":
@@ -278,6 +279,6 @@ def _left(kind: str, wanted: "StaircasePlan", resume: ResumeOptions, campaign: "
     """Return the staircase or, with --resume, the steps that the interrupted run still lacks."""
     if resume.word is None:
         return wanted
-    from cfid.motors.missing_steps import missing
+    from cfid.motors.plan import missing
 
     return missing(interrupted(resume.word, campaign, kind=kind), kind=kind)

@@ -1,9 +1,8 @@
-"""Staircases on the load cell: a record and its command log become steady steps, for maps, rotors and wind runs."""
+"""Staircases of motors: a record and its command log become steady steps, for maps, rotors and wind runs."""
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -11,10 +10,11 @@ import numpy.typing as npt
 from cfid.errors import CfidError
 from cfid.estimate.staircase import Point, Staircase, mean_in_windows, reduce_staircase
 from cfid.findings import Finding, warning
-from cfid.large import empty
+from cfid.large import chosen_rows, empty, some_steps, stored
 from cfid.recordings.vehicle import (
     COMMANDS,
     VEHICLE_LOG,
+    Rows,
     holds,
     read_commands,
     read_rows,
@@ -25,6 +25,8 @@ from cfid.records.parameters import Source
 from cfid.records.run import Run, read_run
 
 Array = npt.NDArray[np.float64]
+
+_STANDING_S = 2.0  # of rotors at rest, put before a record that begins with turning rotors
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -40,52 +42,46 @@ class RunStaircase:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """Findings about the steps, each with the record's name, and about the run's other files."""
-        return (*(one.at(self.record.name) for one in self.reduced.findings), *self.about_files)
+        steps = tuple(finding.at(self.record.name) for finding in self.reduced.findings)
+        if self.run is None:
+            return steps
+        files = [read_rows(self.run, device) for device in (COMMANDS, VEHICLE_LOG) if holds(self.run, device)]
+        return (*steps, *(finding for rows in files for finding in rows.findings))
 
     @property
-    def about_files(self) -> tuple[Finding, ...]:
-        """Findings about the lines of the run's commands and of the vehicle's log."""
-        if self.run is None:
-            return ()
-        return tuple(
-            finding
-            for device in (COMMANDS, VEHICLE_LOG)
-            if holds(self.run, device)
-            for finding in read_rows(self.run, device).findings
-        )
+    def log(self) -> Rows | None:
+        """The rows of the vehicle's log, None where the run has none."""
+        return read_rows(self.run, VEHICLE_LOG) if self.run is not None and holds(self.run, VEHICLE_LOG) else None
 
     def volts(self, points: Sequence[Point]) -> Array | None:
         """Return the battery's mean voltage (p,) at each point, or None if the vehicle logged no voltage."""
-        if self.run is None or not holds(self.run, VEHICLE_LOG):
+        if (log := self.log) is None or "pm.vbat" not in log.columns:
             return None
-        rows = read_rows(self.run, VEHICLE_LOG)
-        volts = rows.columns.get("pm.vbat")
-        return None if volts is None else mean_in_windows(points, rows.time_s - self.began_s, volts)
+        return mean_in_windows(points, log.time_s - self.began_s, log.columns["pm.vbat"])
 
     def reported_speeds(self, points: Sequence[Point]) -> Array | None:
         """Return the mean speeds (p,) in rad/s that the vehicle reported for rotors that ran; None if one is missing.
 
         A rotor with a dead sensor does not count.
         """
-        if self.run is None or not holds(self.run, VEHICLE_LOG):
+        if (log := self.log) is None:
             return None
-        rows = read_rows(self.run, VEHICLE_LOG)
-        speeds, time_s = reported_speeds_rad_s(rows), rows.time_s - self.began_s
-        alive = [without_dead(point.motors, speeds, self.record.name)[0] for point in points]
-        if not all(own and all(motor in speeds for motor in own) for own in alive):
-            return None
-        pairs = zip(points, alive, strict=True)
-        return np.array(
-            [np.mean([mean_in_windows([p], time_s, speeds[motor])[0] for motor in own]) for p, own in pairs]
-        )
+        speeds, time_s = reported_speeds_rad_s(log), log.time_s - self.began_s
+        means = []
+        for point in points:
+            alive, _ = without_dead(point.motors, speeds, self.record.name)
+            if not alive or not all(motor in speeds for motor in alive):
+                return None
+            means.append(np.mean([mean_in_windows([point], time_s, speeds[motor])[0] for motor in alive]))
+        return np.array(means)
 
     @property
     def dead(self) -> tuple[Finding, ...]:
         """A finding for each rotor that ran but whose sensor showed no speed."""
-        if self.run is None or not holds(self.run, VEHICLE_LOG):
+        if (log := self.log) is None:
             return ()
         ran = sorted({motor for point in self.reduced.points for motor in point.motors})
-        return without_dead(ran, reported_speeds_rad_s(read_rows(self.run, VEHICLE_LOG)), self.record.name)[1]
+        return without_dead(ran, reported_speeds_rad_s(log), self.record.name)[1]
 
 
 def without_dead(ran: Sequence[int], speeds: Mapping[int, Array], name: str) -> tuple[list[int], tuple[Finding, ...]]:
@@ -93,16 +89,11 @@ def without_dead(ran: Sequence[int], speeds: Mapping[int, Array], name: str) -> 
 
     A sensor that shows 0 throughout while another rotor turns is dead.
     """
-    shown = [motor for motor in ran if motor in speeds and np.any(speeds[motor] > 0)]
-    dead = [motor for motor in ran if shown and motor in speeds and motor not in shown]
+    turning = [motor for motor in ran if motor in speeds and np.any(speeds[motor] > 0)]
+    dead = [motor for motor in ran if turning and motor in speeds and motor not in turning]
     text = "the speed of rotor {motor} is 0 throughout while others turn: its sensor is dead, and left out."
     findings = (warning("rotor-sensor-dead", text.format(motor=motor)).at(name) for motor in dead)
     return [motor for motor in ran if motor not in dead], tuple(findings)
-
-
-def run_of(record: WrenchRecord) -> Run | None:
-    """Return the run that a record was read from, None for a bare file."""
-    return None if record.run is None else read_run(record.path.parent)
 
 
 def channels_of(record: WrenchRecord, *, flip_fz: bool = False) -> Array:
@@ -120,7 +111,8 @@ def reduce_run(record: WrenchRecord, *, flip_fz: bool = False) -> RunStaircase:
     Steps are found in Fz, or in the first axis of a load cell that has no Fz; the means of axes that it does not
     measure are nan. Raises DataError, or FitError where no step settles; both name the recording.
     """
-    run, began_s, sources = run_of(record), math.nan, [record.source]
+    run = None if record.run is None else read_run(record.path.parent)
+    began_s, sources = math.nan, [record.source]
     command_time_s, commands = None, None
     if run is not None and holds(run, COMMANDS):
         began_s = math.nan if record.begin_s is None else record.begin_s  # by the cell's own clock, where it has one
@@ -138,22 +130,32 @@ def reduce_run(record: WrenchRecord, *, flip_fz: bool = False) -> RunStaircase:
         )
         reduced.steady()
     except CfidError as error:
-        raise type(error)(f"{_place(record)}: {error}") from None
-    return RunStaircase(
-        record=record, reduced=_measured(reduced, record), run=run, began_s=began_s, sources=tuple(sources)
+        raise type(error)(f"{record.path if run is None else record.path.parent}: {error}") from None
+    if record.axes != AXES:
+        blind = np.array([0.0 if axis in record.axes else math.nan for axis in AXES])
+        points = tuple(
+            replace(point, mean=point.mean + blind, std_of_mean=point.std_of_mean + blind) for point in reduced.points
+        )
+        reduced = replace(reduced, points=points)
+    return RunStaircase(record=record, reduced=reduced, run=run, began_s=began_s, sources=tuple(sources))
+
+
+def reduce_speeds(time_s: Array, speeds_rad_s: Array, command_time_s: Array, commands: Array) -> Staircase:
+    """Reduce speeds (n, k), nan where missing, at times (n,) by commands (m, 4) that hold from `command_time_s` (m,).
+
+    A rotor at rest has speed 0, so the pause before the first command need not be recorded. The speed of a rotor that
+    idles in a pause, such as that of an armed Brushless, is not subtracted. Raises what `reduce_staircase` raises.
+    """
+    known = np.asarray(np.isfinite(speeds_rad_s).all(axis=1))
+    time_s, speeds_rad_s = chosen_rows(time_s, known), chosen_rows(speeds_rad_s, known)
+    begins_running = len(time_s) > 1 and np.any(commands[command_time_s <= time_s[0]][-1:])
+    if begins_running:
+        step_s = float(np.median(some_steps(time_s)))
+        before_s = time_s[0] - step_s * np.arange(round(_STANDING_S / step_s), 0, -1)
+        time_s = stored(np.concatenate([before_s, time_s]))
+        speeds_rad_s = stored(np.vstack([np.zeros((len(before_s), speeds_rad_s.shape[1])), speeds_rad_s]))
+        command_time_s = np.concatenate([before_s[:1], command_time_s])
+        commands = np.vstack([np.zeros((1, commands.shape[1])), commands])
+    return reduce_staircase(
+        time_s=time_s, channels=speeds_rad_s, command_time_s=command_time_s, commands=commands, thrust=0, tared=False
     )
-
-
-def _measured(reduced: Staircase, record: WrenchRecord) -> Staircase:
-    """Return a staircase with nan for the means of the axes that the load cell does not measure."""
-    if record.axes == AXES:
-        return reduced
-    blind = np.array([0.0 if axis in record.axes else math.nan for axis in AXES])
-    points = tuple(
-        replace(point, mean=point.mean + blind, std_of_mean=point.std_of_mean + blind) for point in reduced.points
-    )
-    return replace(reduced, points=points)
-
-
-def _place(record: WrenchRecord) -> Path:
-    return record.path if record.run is None else record.path.parent

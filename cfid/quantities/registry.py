@@ -404,6 +404,7 @@ _BRUSHED: Mapping[str, Range] = {
     "rotor_radius_m": Range(0.018, 0.03, "propellers of 45 to 51 mm"),
     "motor.thrust_poly": Range(0.07, 0.3, "published motors give 0.13 to 0.2 N", at=FULL_COMMAND),
     "motor.max_thrust_n": Range(0.07, 0.3, "published motors give 0.13 to 0.2 N"),
+    "motor.speed_poly": Range(1700, 4600, "published motors give 2500 to 3100 rad/s", at=FULL_COMMAND),
     "motor.torque_poly": _TORQUE,
     "motor.thrust_per_speed_squared_n_s2": Range(1e-8, 5e-8, "published propellers have 1.8e-8 to 2.9e-8"),
     "tf.static_gain_n": Range(8e-7, 8e-6, "the slope of published thrust maps is 1e-6 to 4e-6", "size"),

@@ -16,7 +16,6 @@ LARGER_MOTOR = "motor-of-larger-vehicle"  # code: the recording is of a motor to
 _BY_PLATFORM = (
     "implausible",
     "implausible-input",
-    "speed-unusual",
     "flight-moment-unlike-arm",
 )  # codes of what a quadrocopter cannot have
 _ALIKE = {  # quantities that rest on the same force, arm, wind or line through stamps

@@ -17,7 +17,7 @@ import cfid.loadcell.verdict
 import cfid.swing.verdict
 from cfid.console.verdicts import Judge, judged, verdict_line
 from cfid.errors import CfidError, ConfigError
-from cfid.motors.missing_steps import missing
+from cfid.motors.plan import missing
 from cfid.records.run import DeviceRecord, Label, Run, Verdict, amend_run, list_runs, read_run, write_header
 from cfid.records.run_writer import create_run
 from tests.campaigns import Cfid

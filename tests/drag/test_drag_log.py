@@ -13,7 +13,7 @@ import pytest
 from cfid.drag.command import SweepOptions, WindOptions
 from cfid.drag.plan import THESIS_WINDS, missing_lines, missing_runs, thesis_plan
 from cfid.errors import ConfigError
-from cfid.motors.missing_steps import missing
+from cfid.motors.plan import missing
 from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import new_rig_text
 from cfid.records.run import Run, list_runs

@@ -268,12 +268,6 @@ def test_a_load_cell_that_is_turned_otherwise_contradicts_the_wind(runs: pd.Data
     assert "drag-across-wind" in rejections(turned)
 
 
-def test_rotors_that_count_double_are_named_by_what_one_rotor_lifts(runs: pd.DataFrame) -> None:
-    found = reduce_points(runs.assign(rotor_rad_s=2 * runs["rotor_rad_s"])).findings
-
-    assert [finding.code for finding in found if finding.severity == "rejection"] == ["speed-unusual"]
-
-
 def as_table(experiments: DragExperiments) -> pd.DataFrame:
     columns = (experiments.command, experiments.angle_deg, experiments.velocity_mps, experiments.speed_sum_rad_s)
     return pd.DataFrame(np.column_stack([*columns, experiments.force_n]), columns=list(TABLE_COLUMNS))

@@ -12,8 +12,8 @@ from cfid.drag import fit as fit_drag
 from cfid.drag.model import DragExperiments
 from cfid.estimate.common_causes import arm_scales, power_law, with_common_causes
 from cfid.motors.maps import fit_speed, fit_thrust, fit_torque
-from cfid.motors.maps.evidence import Evidence
-from cfid.motors.points import MotorPoints
+from cfid.motors.maps.data import Evidence
+from cfid.motors.points import Points, frame
 from cfid.records.covariances import covariance_between
 from cfid.records.parameters import Parameter, Section
 from cfid.records.result import Result
@@ -58,14 +58,14 @@ def section_of(result: Result) -> Section:
     )
 
 
-def points(rng: np.random.Generator, errors: Mapping[str, float] = {}) -> MotorPoints:
+def points(rng: np.random.Generator, errors: Mapping[str, float] = {}) -> Points:
     """Return the readings of a motor by instruments whose scales are wrong by `errors`."""
     thrust, speed = np.polyval(THRUST, COMMAND), np.polyval(SPEED, COMMAND)
     bent = 1 + errors.get("linearity", 0.0)
     torque = TORQUE_PER_THRUST * thrust * bent * (1 + errors.get("Tz", 0.0)) + errors.get("talk", 0.0) * thrust
     count = len(COMMAND)
-    return MotorPoints(
-        command=COMMAND,
+    return frame(
+        COMMAND,
         thrust_n=thrust * bent * (1 + errors.get("Fz", 0.0)) + rng.normal(0, NOISE_N, count),
         torque_nm=torque + rng.normal(0, NOISE_NM, count),
         speed_rad_s=speed * (1 + errors.get("tachometer", 0.0)) + rng.normal(0, NOISE_RAD_S, count),

@@ -17,7 +17,8 @@ from cfid.estimate.voltage_cubic import cubic_fault, least_thrust_n
 from cfid.export.firmware import TARGET
 from cfid.export.possible import impossible
 from cfid.export.target import text_of
-from cfid.motors.maps.voltage import compare_thrust
+from cfid.motors.maps.estimation import compare_thrust
+from cfid.motors.points import frame
 from cfid.recordings.stand import read_stand, stand_of
 from cfid.records.covariances import numbers_of
 from tests.export.thesis_vehicle import vehicle, with_value
@@ -160,12 +161,10 @@ def test_a_header_of_recorded_stock_motors_flies(inverse: Inverse) -> None:
     if not STOCK.exists():
         pytest.skip("the recordings of stock motors are not here")
     table = stand_of(read_stand(STOCK))
-    assert table.thrust_n is not None
-    assert table.vbat_v is not None
-    found = compare_thrust(command=table.command, vbat_v=table.vbat_v, thrust_n=table.thrust_n)
+    found = compare_thrust(frame(table.command, vbat_v=table.vbat_v, thrust_n=table.thrust_n))
 
     assert not found.rejected
-    assert "departs by up to 1.4 %" in found.findings[-1].text
+    assert found.departure == pytest.approx(0.014, abs=5e-4)
     assert_header_flies(inverse, found.lowest_first, float(found.value.max()))
 
 
@@ -187,7 +186,7 @@ def test_a_header_of_any_shape_that_rises_flies(inverse: Inverse, shape: str, se
     thrust = SHAPES[shape](command / 65535 * vbat_v)
     std = 1e-4 + 2e-3 * thrust
     measured = thrust + std * rng.standard_normal(len(command))
-    found = compare_thrust(command=command, vbat_v=vbat_v, thrust_n=measured, std_n=std)
+    found = compare_thrust(frame(command, vbat_v=vbat_v, thrust_n=measured, thrust_std_n=std))
 
     assert not found.rejected
     assert_header_flies(inverse, found.lowest_first, float(thrust.max()))
@@ -203,7 +202,7 @@ def test_a_fit_that_all_but_touches_the_limit_moves_inward_until_its_header_flie
     thrust = 0.00077 + 0.0158 * volts + 0.00558 * volts**2 + 0.00066 * volts**3
     measured = thrust + 1e-4 * rng.standard_normal(len(command))
     most_n = 1.04 * float(thrust.max())
-    found = compare_thrust(command=command, vbat_v=vbat_v, thrust_n=measured, max_thrust_n=most_n)
+    found = compare_thrust(frame(command, vbat_v=vbat_v, thrust_n=measured), max_thrust_n=most_n)
 
     assert not found.rejected
     assert_header_flies(inverse, found.lowest_first, most_n)
@@ -219,7 +218,7 @@ def test_a_fit_that_knows_no_largest_thrust_passes_up_to_that_of_the_firmware(se
     shape = [1.0, *rng.uniform(0.5, 1.5, 2), rng.uniform(0.3, 2)] * np.array([0.00077, 0.0158, 0.00558, 0.00066])
     thrust = scale * np.polyval(shape[::-1], volts)
     measured = thrust + 10 ** rng.uniform(-5, -3) * rng.standard_normal(len(command))
-    found = compare_thrust(command=command, vbat_v=volts / command * 65535, thrust_n=measured, folds=2)
+    found = compare_thrust(frame(command, vbat_v=volts / command * 65535, thrust_n=measured))
 
     assert not found.rejected
     assert cubic_fault(found.lowest_first.tolist()) == ""

@@ -1,21 +1,18 @@
 """Maps of the same windows covary: the scatter of many simulated staircases equals what each staircase states."""
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.motors.maps.estimation import fit_speed, fit_thrust, fit_thrust_of_speed
-from cfid.motors.maps.inverse import maximum_thrust
-from cfid.motors.maps.values import covariances
-from cfid.motors.maps.voltage import compare_thrust
-from cfid.motors.points import MotorPoints
+from cfid.motors.maps.estimation import compare_thrust, fit_map, fit_thrust_of_speed, maximum_thrust
+from cfid.motors.maps.result import covariances
+from cfid.motors.points import Points, frame, joined
 from cfid.records.covariances import Covariance
 
 Array = npt.NDArray[np.float64]
-Staircase = Callable[[np.random.Generator], MotorPoints]
+Staircase = Callable[[np.random.Generator], Points]
 
 COMMAND = np.concatenate([np.arange(4000.0, 65000.0, 4000.0), np.arange(64000.0, 3000.0, -4000.0)])
 VOLTS = COMMAND / 65535 * 4.0
@@ -43,44 +40,43 @@ def tares(count: int) -> Array:
     return shares
 
 
-def stated(rng: np.random.Generator) -> MotorPoints:
+def stated(rng: np.random.Generator) -> Points:
     """Return a staircase whose windows state their noise, and whose neighbouring steps share the pause between them."""
     shared = tares(len(COMMAND))
     noise = THRUST_STD_N * rng.standard_normal(len(COMMAND)) + shared @ rng.standard_normal(shared.shape[1])
-    return MotorPoints(
-        command=COMMAND,
+    return frame(
+        COMMAND,
         thrust_n=THRUST_N + noise,
         thrust_std_n=np.hypot(THRUST_STD_N, np.linalg.norm(shared, axis=1)),
         thrust_shared_n=shared,
         speed_rad_s=SPEED_RAD_S + SPEED_STD_RAD_S * rng.standard_normal(len(COMMAND)),
         speed_std_rad_s=np.full(len(COMMAND), SPEED_STD_RAD_S),
+        vbat_v=np.full(len(COMMAND), 4.0),
     )
 
 
-def unstated(rng: np.random.Generator) -> MotorPoints:
+def unstated(rng: np.random.Generator) -> Points:
     """Return a table without standard uncertainties; only the scatter of its points shows them."""
-    return MotorPoints(
-        command=COMMAND,
+    return frame(
+        COMMAND,
+        vbat_v=np.full(len(COMMAND), 4.0),
         thrust_n=THRUST_N + 1e-4 * rng.standard_normal(len(COMMAND)),
         speed_rad_s=SPEED_RAD_S + SPEED_STD_RAD_S * rng.standard_normal(len(COMMAND)),
     )
 
 
-def gusty(rng: np.random.Generator) -> MotorPoints:
+def gusty(rng: np.random.Generator) -> Points:
     """Return a staircase whose thrusts vary twice as much between windows as within them."""
     points = stated(rng)
-    assert points.thrust_n is not None
-    return replace(points, thrust_n=points.thrust_n + 2 * THRUST_STD_N * rng.standard_normal(len(COMMAND)))
+    return points.assign(thrust_n=points["thrust_n"] + 2 * THRUST_STD_N * rng.standard_normal(len(COMMAND)))
 
 
-def all_but_square(rng: np.random.Generator) -> MotorPoints:
+def all_but_square(rng: np.random.Generator) -> Points:
     """Return a staircase on whose thrust the firmware's constraint is active in every second fit."""
     points = stated(rng)
-    assert points.thrust_n is not None
-    assert points.speed_rad_s is not None
     more_n = 2.4e-3 * VOLTS**2 - 4.4e-4 * VOLTS**3
     faster = np.sqrt(1 + more_n / THRUST_N)
-    return replace(points, thrust_n=points.thrust_n + more_n, speed_rad_s=points.speed_rad_s * faster)
+    return points.assign(thrust_n=points["thrust_n"] + more_n, speed_rad_s=points["speed_rad_s"] * faster)
 
 
 def looked_at(block: Covariance) -> Array:
@@ -94,19 +90,11 @@ def looked_at(block: Covariance) -> Array:
     )
 
 
-def told(points: MotorPoints) -> tuple[Array, Array]:
+def told(points: Points) -> tuple[Array, Array]:
     """Return the numbers (5,) of LOOKED_AT for one staircase, and their stated covariance (5, 5)."""
-    assert points.thrust_n is not None
-    thrust, over_speed = fit_thrust(points, order=3, robust=False), fit_thrust_of_speed(points, robust=False)
+    thrust, over_speed = fit_map("thrust", points, order=3, robust=False), fit_thrust_of_speed(points, robust=False)
     most = maximum_thrust(thrust, gravity_mps2=9.81)
-    voltage = compare_thrust(
-        command=points.command,
-        vbat_v=np.full(len(COMMAND), 4.0),
-        thrust_n=points.thrust_n,
-        std_n=points.thrust_std_n,
-        shared_n=points.thrust_shared_n,
-        folds=2,
-    )
+    voltage = compare_thrust(points)
     (block,) = covariances(thrust, most=most, voltage=voltage, over_speed=over_speed)
     outward = looked_at(block)
     found = {
@@ -147,24 +135,17 @@ def test_many_staircases_scatter_as_each_of_them_states(staircase: Staircase, co
     assert correlations(mean) == pytest.approx(correlations(scatter), abs=0.15)
 
 
-def apart(points: MotorPoints) -> MotorPoints:
+def apart(points: Points) -> Points:
     """Return thrusts and speeds as if they came from two runs, one after the other."""
-    blank = np.full(len(COMMAND), np.nan)
-    assert points.thrust_n is not None
-    assert points.speed_rad_s is not None
-    return MotorPoints(
-        command=np.tile(COMMAND, 2),
-        thrust_n=np.append(points.thrust_n, blank),
-        speed_rad_s=np.append(blank, points.speed_rad_s),
-    )
+    return joined(points[["command", "thrust_n"]], points[["command", "speed_rad_s"]])
 
 
-def brushless(rng: np.random.Generator) -> MotorPoints:
+def brushless(rng: np.random.Generator) -> Points:
     """Return a table of a motor whose speed is linear in the command."""
     speed = 380 + 0.0408 * COMMAND
     noise = 1e-4 * rng.standard_normal(len(COMMAND))
     read = speed + SPEED_STD_RAD_S * rng.standard_normal(len(COMMAND))
-    return MotorPoints(command=COMMAND, thrust_n=2e-8 * speed**2 + noise, speed_rad_s=read)
+    return frame(COMMAND, thrust_n=2e-8 * speed**2 + noise, speed_rad_s=read)
 
 
 @pytest.mark.parametrize(
@@ -179,7 +160,7 @@ def test_speed_over_command_and_thrust_over_speed_covary_by_the_speeds_error(poi
     level, square, correlation = [], [], []
     for _ in range(STAIRCASES):
         one = points(rng)
-        speed, over_speed = fit_speed(one, robust=False), fit_thrust_of_speed(one, robust=False)
+        speed, over_speed = fit_map("speed", one, robust=False), fit_thrust_of_speed(one, robust=False)
         (block,) = covariances(speed, over_speed=over_speed)
         outward = np.zeros((2, 6))
         outward[0, :2], outward[1, 2] = [40000.0, 1.0], 1.0
@@ -196,9 +177,8 @@ def test_speed_over_command_and_thrust_over_speed_covary_by_the_speeds_error(poi
 def test_a_joint_covariance_is_that_of_a_distribution() -> None:
     for seed in range(20):
         one = stated(np.random.default_rng(seed))
-        assert one.thrust_n is not None
-        voltage = compare_thrust(command=COMMAND, vbat_v=np.full(len(COMMAND), 4.0), thrust_n=one.thrust_n, folds=2)
-        thrust, over_speed = fit_thrust(one), fit_thrust_of_speed(one)
+        voltage = compare_thrust(one)
+        thrust, over_speed = fit_map("thrust", one), fit_thrust_of_speed(one)
         (block,) = covariances(
             thrust, most=maximum_thrust(thrust, gravity_mps2=9.81), voltage=voltage, over_speed=over_speed
         )

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from cfid.findings import texts
-from cfid.motors.maps.estimation import fit_speed, fit_thrust, fit_torque
-from cfid.motors.points import MotorPoints
+from cfid.motors.maps.estimation import fit_map
+from cfid.motors.points import Points, frame
 from tests.coverage_rows import Array, Row
 
 COMMAND = np.arange(4000.0, 64001.0, 4000.0)
@@ -21,13 +21,13 @@ def speed_rad_s(command: Array) -> Array:
     return 380 + 0.0408 * command
 
 
-def scattered(part: float, rng: np.random.Generator, *, both_ways: bool) -> MotorPoints:
+def scattered(part: float, rng: np.random.Generator, *, both_ways: bool) -> Points:
     """Return points whose steps differ from the map by a fraction of their values, plus the noise of their windows."""
     command = np.concatenate([COMMAND, COMMAND[::-1]]) if both_ways else COMMAND
     thrust = thrust_n(command) * (1 + part * rng.standard_normal(len(command)))
     own, shape = RATIO_M * thrust_n(command), len(command)
-    return MotorPoints(
-        command=command,
+    return frame(
+        command,
         thrust_n=thrust + NOISE_N * rng.standard_normal(shape),
         thrust_std_n=np.full(shape, NOISE_N),
         torque_nm=RATIO_M * thrust + part * own * rng.standard_normal(shape) + 1e-6 * rng.standard_normal(shape),
@@ -42,7 +42,7 @@ def rows(part: float, campaigns: int, *, both_ways: bool, seed: int) -> list[Row
     rng, thrusts, speeds, torques, rejected = np.random.default_rng(seed), [], [], [], 0
     for _ in range(campaigns):
         points = scattered(part, rng, both_ways=both_ways)
-        thrust, speed, torque = fit_thrust(points), fit_speed(points), fit_torque(points)
+        thrust, speed, torque = fit_map("thrust", points), fit_map("speed", points), fit_map("torque", points)
         rejected += any(texts(found.findings, "rejection") for found in (thrust, speed, torque))
         thrusts.append((thrust.fit.at(AT) - thrust_n(AT), thrust.fit.std_at(AT)))
         speeds.append((speed.fit.at(AT) - speed_rad_s(AT), speed.fit.std_at(AT)))

@@ -14,8 +14,7 @@ from cfid.console.inputs import open_workplace
 from cfid.console.options import RigOptions
 from cfid.estimate.voltage_cubic import cubic_fault
 from cfid.motors import maps
-from cfid.motors.maps.arguments import read_evidence
-from cfid.motors.maps.evidence import Stand
+from cfid.motors.maps.data import Stand, read_evidence
 from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import LoadCellMount, RigFacts, Tachometer, new_rig_text
 from cfid.records.run import DeviceRecord, Label
@@ -117,7 +116,6 @@ def test_a_sagging_battery_is_told_apart_by_its_voltage(cfid: Cfid, campaign: Pa
     for volts in (1.5, 2.5, 3.0):
         truth = true_thrust_n(volts / TRUTH.nominal_v * 65535)
         assert np.polyval(poly[::-1], volts) == pytest.approx(truth, abs=0.01 * largest)
-    assert any("departs by up to" in said for said in sentences(content))
 
 
 def test_a_voltage_cubic_that_no_firmware_could_invert_is_rejected_alone_and_the_reason_kept(
@@ -147,27 +145,6 @@ def test_a_voltage_cubic_that_no_firmware_could_invert_is_rejected_alone_and_the
     assert cubic in found(cfid, *words, "--force")["parameters"]
 
 
-def test_scales_are_a_second_opinion(cfid: Cfid, tmp_path: Path, staircase: Path) -> None:
-    commands = np.arange(0, 64001, 4000)
-    grams = 60 - 2 * true_thrust_n(commands) / 9.81 * 1e3
-    table = tmp_path / "scales.csv"
-    table.write_text("cmd,grams\n" + "".join(f"{c},{g:.2f}\n" for c, g in zip(commands, grams, strict=True)))
-    said = cfid(
-        "fit",
-        "thrust",
-        str(staircase),
-        "--campaign",
-        str(staircase.parents[1]),
-        "--verify",
-        str(table),
-        "--motors",
-        "2",
-        "--no-figures",
-    )
-    assert said.returncode == 0, said.stderr
-    assert "verification: 17 readings" in said.stdout
-
-
 def test_a_tachometers_readings_are_divided_by_the_markers(cfid: Cfid, tmp_path: Path) -> None:
     commands = np.arange(0, 64001, 2000)
     speeds = np.where(commands < 1000, 0, 0.04076521 * commands + 380.8359)  # eq. 3.4
@@ -177,9 +154,10 @@ def test_a_tachometers_readings_are_divided_by_the_markers(cfid: Cfid, tmp_path:
 
     poly = found(cfid, "fit", "speed", "--table", table, "--markers", 2)["parameters"]["motor.speed_poly"]["value"]
     assert poly == pytest.approx([0.04076521, 380.8359], rel=1e-7)
-    doubted = cfid("fit", "speed", "--table", str(table), "--no-figures")
-    assert doubted.returncode == 5
-    assert "check the number of its reflective markers" in doubted.stderr
+    (tmp_path / RIG_FILE).write_text(new_rig_text())
+    doubled = cfid("fit", "speed", "--table", str(table), "--markers", "1", "--campaign", str(tmp_path), "--no-figures")
+    assert doubled.returncode == 5
+    assert "implausible" in doubled.stderr
 
 
 def test_a_tachometers_markers_are_those_of_rig_toml_or_of_the_run_and_noted_where_nobody_stated_them(
@@ -217,15 +195,6 @@ def test_a_tachometers_markers_are_those_of_rig_toml_or_of_the_run_and_noted_whe
     markers, (said,) = told(table=table, borrowed=True)
     assert markers == 1
     assert said.startswith("rpm.csv: 1 marker of the tachometer is assumed, as in version 0.1")
-
-
-def test_a_table_gives_eq_3_3_back(cfid: Cfid, tmp_path: Path) -> None:
-    commands = np.arange(0, 64001, 2000)
-    thrust = np.polyval([2.130295e-11, 1.032633e-6, 5.484560e-4], commands)
-    table = tmp_path / "thrust.csv"
-    table.write_text("cmd,thrust_n\n" + "".join(f"{c},{f:.15g}\n" for c, f in zip(commands, thrust, strict=True)))
-    poly = found(cfid, "fit", "thrust", "--table", table)["parameters"]["motor.thrust_poly"]["value"]
-    assert poly == pytest.approx([2.130295e-11, 1.032633e-6, 5.484560e-4], rel=1e-9)
 
 
 def test_figures_are_drawn_beside_the_parameters(cfid: Cfid, campaign: Path) -> None:
@@ -354,16 +323,6 @@ def test_a_step_that_never_settles_is_told_and_left_out_or_ends_the_fit(cfid: Cf
     alone = cfid("fit", "thrust", words[0], "--motors", "2", "--no-figures")
     assert alone.returncode == 5
     assert "no step settles" in alone.stderr
-
-
-def test_a_tachometer_that_counts_some_readings_double_is_told_with_their_commands(cfid: Cfid, tmp_path: Path) -> None:
-    commands = np.arange(2000, 64001, 2000)
-    rpm = (0.04076521 * commands + 380.8359) * 60 / (2 * np.pi) * np.where(commands == 30000, 2, 1)
-    table = tmp_path / "rpm.csv"
-    table.write_text("cmd,rpm_1\n" + "".join(f"{c},{r:.3f}\n" for c, r in zip(commands, rpm, strict=True)))
-    said = cfid("fit", "speed", "--table", str(table), "--no-figures")
-    assert said.returncode == 5
-    assert "at command 30000 the speed is about twice what the others say" in said.stderr
 
 
 def test_thrust_that_points_down_is_told_and_turned_round_when_asked(cfid: Cfid, campaign: Path) -> None:

@@ -16,10 +16,8 @@ import pytest
 from cfid.estimate.polynomials import PolynomialFit
 from cfid.estimate.signals import without_spikes
 from cfid.estimate.staircase import Point, reduce_staircase
-from cfid.motors.maps.estimation import fit_thrust, fit_torque
-from cfid.motors.maps.voltage import THRUST_ORDER, VoltageComparison, compare
-from cfid.motors.points import MotorPoints
-from cfid.motors.stand_points import points_of
+from cfid.motors.maps.estimation import THRUST_ORDER, VoltageComparison, compare, fit_map
+from cfid.motors.points import Points, points_of
 from cfid.motors.vibration.estimation import rotor_speed
 from cfid.sim.loadcell import LoadCellTruth
 from cfid.sim.propulsion import NOMINAL_V, BatteryTruth, RotorTruth
@@ -50,7 +48,7 @@ class Reduced(NamedTuple):
 
     record: StandRecord
     steady: tuple[Point, ...]
-    points: MotorPoints
+    points: Points
 
 
 def reduced(
@@ -104,7 +102,7 @@ def off_percent(fit: PolynomialFit) -> tuple[float, float]:
 @pytest.mark.parametrize("seed", range(3))
 def test_the_thrust_map_of_a_full_staircase_is_true_within_0_3_percent(seed: int) -> None:
     found = full_size() if seed == 0 else reduced(UP, seed=100 + seed)
-    high, low = off_percent(fit_thrust(found.points).fit)
+    high, low = off_percent(fit_map("thrust", found.points).fit)
     print(f"thrust map off by at most {high:.3f} % above a quarter of the range, {low:.3f} % from a tenth on")
 
     assert len(found.steady) == 32
@@ -114,7 +112,9 @@ def test_the_thrust_map_of_a_full_staircase_is_true_within_0_3_percent(seed: int
 
 def test_the_thrust_map_of_a_short_staircase_is_true_where_its_noise_is_as_dense() -> None:
     # A load cell 4.8 times quieter leaves as much noise in a mean of 3 s at 1 kHz as the full one in 10 s at 7 kHz.
-    high, low = off_percent(fit_thrust(reduced(UP, hold_s=3.0, rest_s=1.0, rate_hz=1000.0, quieter=4.8).points).fit)
+    high, low = off_percent(
+        fit_map("thrust", reduced(UP, hold_s=3.0, rest_s=1.0, rate_hz=1000.0, quieter=4.8).points).fit
+    )
 
     assert high < 0.3
     assert low < 0.6
@@ -122,7 +122,7 @@ def test_the_thrust_map_of_a_short_staircase_is_true_where_its_noise_is_as_dense
 
 @pytest.mark.slow
 def test_the_torque_slope_of_a_full_staircase_is_true_within_1_percent() -> None:
-    fit = fit_torque(full_size().points).fit
+    fit = fit_map("torque", full_size().points).fit
     off = fit.coefficients[0] / ROTORS.torque_m - 1
     print(f"torque slope off by {100 * off:.3f} %, stated {100 * fit.std[0] / ROTORS.torque_m:.3f} %")
 
@@ -151,7 +151,7 @@ def test_the_95_percent_bands_of_maps_hold_the_truth_in_93_to_97_of_100_staircas
     inside = []
     for seed in range(7000, 7400):
         points = reduced(UP, hold_s=3.0, rest_s=1.3, rate_hz=1000.0, quieter=4.8, seed=seed).points
-        thrust, torque = fit_thrust(points).fit, fit_torque(points).fit
+        thrust, torque = fit_map("thrust", points).fit, fit_map("torque", points).fit
         true = thrust_n(at)
         inside.append(
             [
@@ -182,10 +182,8 @@ def judged(found: Reduced) -> VoltageComparison:
         slice(*np.searchsorted(record.tick_s, (point.begin_s - late, point.end_s - late)))
         for point, late in zip(found.steady, late_s, strict=True)
     ]
-    thrust, std = found.points.thrust_n, found.points.thrust_std_n
-    assert thrust is not None
     volts = np.array([read_v[window].mean() for window in inside])
-    return compare(command=found.points.command, vbat_v=volts, value=thrust, order=THRUST_ORDER, std=std)
+    return compare(found.points.assign(vbat_v=volts), order=THRUST_ORDER)
 
 
 def voltage_off_percent(found: VoltageComparison) -> float:
@@ -205,7 +203,7 @@ def test_on_a_sagging_battery_the_voltage_form_of_a_full_staircase_is_true_withi
     comparison = judged(found)
     off = voltage_off_percent(comparison)
     sag = found.record.volts
-    print(f"{sag.max():.2f} to {sag.min():.2f} V: voltage form off by at most {off:.3f} %; {comparison.verdict.text}")
+    print(f"{sag.max():.2f} to {sag.min():.2f} V: voltage form off by at most {off:.3f} %; {comparison.lines[0]}")
 
     assert off < 0.5
     assert comparison.better == "voltage"

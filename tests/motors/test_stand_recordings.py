@@ -14,7 +14,7 @@ import pytest
 
 from cfid.errors import ConfigError, DataError, FitError
 from cfid.motors.maps import fit_speed, fit_thrust
-from cfid.motors.maps.evidence import Stand
+from cfid.motors.maps.data import Stand
 from cfid.motors.steps import fit as fit_dynamics
 from cfid.recordings.stand import read_stand, stand_of
 from cfid.records.result import Result

@@ -10,7 +10,7 @@ import pytest
 from cfid.errors import DataError, FitError
 from cfid.motors.maps import fit_speed, fit_thrust, fit_torque
 from cfid.motors.maps.verdict import of_forces, of_readings
-from cfid.motors.typed import expected_of
+from cfid.motors.plan import expected_of
 from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import RigFacts, Tachometer, new_rig_text
 from cfid.records.run import DeviceRecord, Label, Run
@@ -119,11 +119,10 @@ def typed(folder: Path, kind: str, column: str, readings: Mapping[int, float], *
 
 
 def test_speeds_that_count_one_marker_of_two_are_of_no_use_as_the_fit_will_say(tmp_path: Path) -> None:
+    (tmp_path / RIG_FILE).write_text(new_rig_text())
     half = {20000: 11470.0, 25000: 13500.0, 30000: 15300.0}
-    with pytest.raises(FitError, match=r"the speeds are 0\.50 times those of the thesis' motors") as refused:
+    with pytest.raises(FitError, match=r"implausible.*`cfid fit speed` with `markers` takes these readings"):
         of_readings(typed(tmp_path, "speed", "rpm", half))
-
-    assert "`cfid fit speed` with `markers` takes these readings" in str(refused.value)
     assert of_readings(typed(tmp_path, "speed", "rpm", {at: 2 * rpm for at, rpm in half.items()}))
 
 
@@ -134,13 +133,9 @@ def test_such_speeds_are_good_in_a_campaign_of_another_body(tmp_path: Path) -> N
     assert of_readings(typed(tmp_path, "speed", "rpm", half)).startswith("3 readings at 3 steps")
 
 
-@pytest.mark.parametrize(
-    ("grams", "reason"),
-    [((60, 60, 60, 60, 60), "the display stands still"), ((60, 59, 57.5, 90, 53), "the reading 90 g at command 30000")],
-)
-def test_weights_that_verify_no_map_are_of_no_use(tmp_path: Path, grams: tuple[float, ...], reason: str) -> None:
-    with pytest.raises(FitError, match=reason):
-        of_readings(typed(tmp_path, "scales", "grams", dict(zip(range(0, 40001, 10000), grams, strict=True))))
+def test_weights_that_verify_no_map_are_of_no_use(tmp_path: Path) -> None:
+    with pytest.raises(FitError, match="the display stands still"):
+        of_readings(typed(tmp_path, "scales", "grams", dict.fromkeys(range(0, 40001, 10000), 60.0)))
 
 
 def test_a_map_of_a_run_of_scales_is_refused_with_the_option_that_takes_it(tmp_path: Path) -> None:

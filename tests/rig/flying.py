@@ -8,7 +8,7 @@ from typing import Any
 import pandas as pd
 
 from cfid.motors.plan import StaircasePlan
-from cfid.motors.staircase.record import run_staircase
+from cfid.motors.record import run_staircase
 from cfid.records.rig_file import load_rig
 from cfid.records.run import Label, Run, read_run
 from cfid.rig.instrument import Instrument

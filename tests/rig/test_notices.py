@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.motors.during import Steps
+from cfid.motors.record import Steps
 from tests.virtual_bench import Bench, bench_in
 
 Array = npt.NDArray[np.float64]

@@ -23,8 +23,8 @@ from cfid.motors.vibration.command import RotorOptions
 from cfid.records.choose import labelled
 
 if TYPE_CHECKING:
+    from cfid.motors.maps.data import Stand
     from cfid.motors.maps.estimation import Order
-    from cfid.motors.maps.evidence import Stand
     from cfid.records.result import Result
 
 _INPUT = "What was measured"
@@ -61,7 +61,7 @@ class StandOptions:
 
     def known(self) -> "Stand":
         """Return the facts in the form that fits take. Raises ConfigError for an invalid window."""
-        from cfid.motors.maps.evidence import Stand
+        from cfid.motors.maps.data import Stand
 
         window_s = None if self.window is None else span(self.window, "--window", unit="seconds", example="4,8")
         return Stand(motors=self.motors, markers=self.markers, window_s=window_s, flip_fz=self.flip_fz)
@@ -113,7 +113,7 @@ def thrust(
     Example: [bold]cfid fit thrust 2026-11-21_083012_thrust[/bold]
     """
     from cfid.motors.maps import fit_thrust
-    from cfid.motors.maps.arguments import read_evidence
+    from cfid.motors.maps.data import read_evidence
 
     gravity = measured(gravity_mps2, "--gravity-mps2")
     workplace = open_workplace(rig, gravity=gravity)
@@ -154,7 +154,7 @@ def speed(
     Example: [bold]cfid fit speed --table rpm.csv --markers 2[/bold]
     """
     from cfid.motors.maps import fit_speed
-    from cfid.motors.maps.arguments import read_evidence
+    from cfid.motors.maps.data import read_evidence
 
     rotors = vibration.rotors_known()
     workplace = open_workplace(rig)
@@ -190,7 +190,7 @@ def torque(
     Example: [bold]cfid fit torque 2026-11-21_083012_thrust[/bold]
     """
     from cfid.motors.maps import fit_torque
-    from cfid.motors.maps.arguments import read_evidence
+    from cfid.motors.maps.data import read_evidence
 
     workplace = open_workplace(rig)
     found = read_evidence(

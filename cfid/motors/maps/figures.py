@@ -29,12 +29,10 @@ from cfid.drawing.style import (
     words,
 )
 from cfid.estimate.polynomials import PolynomialFit
-from cfid.estimate.staircase import FZ, Staircase
 from cfid.findings import Finding, texts
-from cfid.motors.maps.checks import OUTLIER_WEIGHT, listed
-from cfid.motors.maps.estimation import MotorMap, SpeedThrustMap
+from cfid.motors.maps.data import Reduced
+from cfid.motors.maps.estimation import OUTLIER_WEIGHT, MotorMap, SpeedThrustMap, VoltageComparison, listed
 from cfid.motors.maps.scales import ScalesCheck
-from cfid.motors.maps.voltage import VoltageComparison
 from cfid.motors.panels import (
     COMMAND,
     coefficients,
@@ -71,20 +69,20 @@ _LEFT_OUT: dict[str, Any] = {"ls": "", "marker": "x", "ms": 5.0, "mew": 1.2, "co
 
 
 @styled
-def staircase_figure(time_s: Array, thrust_n: Array, staircase: Staircase, *, title: str, thrust: int = FZ) -> Figure:
-    """Draw a record of the load cell with the mean of each of its steps; `thrust` is that channel's index.
+def staircase_figure(record: Reduced) -> Figure:
+    """Draw a record of the load cell with the mean of each of its steps.
 
-    Thrust (n,) is that of all motors that ran, with the load cell's bias. Unused steps are named with the reason in
-    red.
+    Thrust is that of all motors that ran, with the load cell's bias. Unused steps are named with the reason in red.
     """
+    staircase, thrust = record.staircase, record.thrust
     steps = staircase.points
     unsettled = unused_steps(steps)
     counts, levels = staircase_counts(staircase), staircase_levels(staircase, thrust=thrust)
     heights_in = (KEY_IN, 2.9, 1.9, _table_in(counts, levels))
     notes = [one.text for one in staircase.findings if one.code == "no-baseline-after"]
-    page, grid = figure(4, 2, heights_in=heights_in, title=title, rejections=unsettled, notes=notes)
+    page, grid = figure(4, 2, heights_in=heights_in, title=record.name, rejections=unsettled, notes=notes)
     key_row(page.add_subplot(grid[0, :]), *staircase_key(steps))
-    draw_thrust(page.add_subplot(grid[1, :]), time_s, thrust_n, staircase, thrust=thrust)
+    draw_thrust(page.add_subplot(grid[1, :]), record.time_s, record.thrust_n, staircase, thrust=thrust)
     draw_means(page.add_subplot(grid[2, 0]), page.add_subplot(grid[2, 1]), steps, thrust=thrust)
     words(page.add_subplot(grid[3, 0]), "in numbers", counts, red=("settled",) if unsettled else ())
     words(page.add_subplot(grid[3, 1]), "at rest", levels, red=() if staircase.tare_after else ("tare after", "drift"))
@@ -138,7 +136,7 @@ def voltage_figure(found: VoltageComparison) -> Figure:
     Dashed lines mark the error of prediction of points at commands that were left out of the fit.
     """
     heights_in = (KEY_IN, 2.5, 1.6, _table_in([*found.lowest_first.tolist(), FIT_ALONE]))
-    page, grid = _page(heights_in, "Motor voltage to thrust", (found.verdict, *found.findings))
+    page, grid = _page(heights_in, "Motor voltage to thrust", found.findings, notes=found.lines)
     axis, unit, _ = _AXES["thrust"]
     forms = (
         ("motor voltage", "motor voltage (V)", "U", found.motor_volts, found.by_voltage, found.voltage_rms),
@@ -158,9 +156,11 @@ def voltage_figure(found: VoltageComparison) -> Figure:
     return page
 
 
-def _page(heights_in: Sequence[float], title: str, findings: Sequence[Finding]) -> tuple[Figure, GridSpec]:
+def _page(
+    heights_in: Sequence[float], title: str, findings: Sequence[Finding], *, notes: Sequence[str] = ()
+) -> tuple[Figure, GridSpec]:
     rejected = [f"Rejected: {text}" for text in texts(findings, "rejection")]
-    notes = texts(findings, "note", "warning")
+    notes = (*notes, *texts(findings, "note", "warning"))
     return figure(len(heights_in), 2, heights_in=heights_in, title=title, rejections=rejected, notes=notes)
 
 

@@ -1,44 +1,109 @@
 """Verification of the thrust map with scales under the vehicle (section 3.3.1, figure 3.9)."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
-from cfid.errors import FitError
-from cfid.estimate.polynomials import fit_polynomial
+from cfid.errors import DataError, FitError
+from cfid.estimate.common_causes import force_scales, scales_of_weights
 from cfid.findings import Finding, warning
+from cfid.motors.maps.data import Stand
 from cfid.motors.maps.estimation import MotorMap
-from cfid.motors.points import Array
+from cfid.recordings.resumed import with_completed
+from cfid.recordings.stand import holds_stand, read_stand, stand_of
+from cfid.recordings.vehicle import READINGS, SCALES, TakenBackError, holds, read_rows, shown_at_commands
+from cfid.records.rig_file import RigFacts
+from cfid.records.run import Run, run_at
 from cfid.units import DEAD_COMMAND
 
+Array = npt.NDArray[np.float64]
+
 _STANDING_N = 1e-3  # less than any motor that turns gives: 0.1 g
-_FEWEST = 5  # points, with that of motors at rest, that can show one to be off a quadratic
-_OFF = 0.25  # of the largest of the others: more than a sagging battery or a coarse display causes at one of them
-_LEFT = 0.25  # largest share of the sum of squares that remains once that reading is left out
 _DIFFERS = 0.1  # rms over the map's largest thrust there; different batteries cause a few hundredths
 
 
 @dataclass(frozen=True, kw_only=True)
-class ScalesCheck:
-    """Thrusts (n,) of one motor by another instrument, and by the map, whose thrust is zero up to command 1000.
+class Weighing:
+    """Commands (n,), grams (n,) that scales showed, how many motors ran, and the facts of the rig.
 
-    `difference_n` is instrument less map, and `percent` the same relative to the map, nan where that is zero. `rms_n`
-    and `rms_percent` are over the points of a running motor. `gain` is the instrument's thrust over the map's, by least
-    squares. Its standard uncertainty contains the scatter of the points and the scales of both instruments; it is nan
-    for fewer than three points.
+    `rest_g` (n,) is the weight at rest with which each reading is compared, None where that is the mean of the readings
+    at rest. `parts` maps the name of each run to its commands.
     """
 
     command: Array
-    thrust_n: Array
-    map_n: Array
-    difference_n: Array
-    percent: Array
-    rms_n: float
-    rms_percent: float
-    gain: float
-    gain_std: float
+    grams: Array
+    motors: int
+    facts: RigFacts
+    rest_g: Array | None = None
+    parts: Mapping[str, Array] = field(default_factory=dict)
+
+    def thrust_n(self, gravity_mps2: float) -> Array:
+        """Return one motor's thrusts (n,). Raises as `scales_thrust_n`."""
+        return scales_thrust_n(
+            self.command, self.grams, motors=self.motors, gravity_mps2=gravity_mps2, rest_g=self.rest_g
+        )
+
+
+def read_scales(path: Path, stand: Stand) -> Weighing:
+    """Read a run of scales with the runs that it completes, or a table. Raises DataError."""
+    run = run_at(path)
+    if run is not None and not holds_stand(path):
+        return weighing_of(run)
+    table = stand_of(read_stand(path))
+    if table.grams is None:
+        raise DataError(f"{path}: no column 'grams': the scales' display at each cmd.")
+    return Weighing(command=table.command, grams=table.grams, motors=stand.motors or 1, facts=stand.facts)
+
+
+def weighing_of(run: Run) -> Weighing:
+    """Return what scales showed in a run and in those that it completes.
+
+    Each part is compared with its own weight at rest, since the vehicle may have been set down anew; a part without a
+    reading at rest is compared with that of the part before. Raises DataError.
+    """
+    readings: dict[str, tuple[Array, Array]] = {}
+    for part in with_completed(run)[:-1]:
+        with suppress(TakenBackError):
+            if holds(part, READINGS) or holds(part, SCALES):
+                readings[part.folder.resolve().name] = _readings_of(part)
+    readings[run.folder.resolve().name] = _readings_of(run)
+    command, grams = (np.concatenate(values) for values in zip(*readings.values(), strict=True))
+    return Weighing(
+        command=command,
+        grams=grams,
+        motors=len(run.header.requested.get("motors", ())) or 1,
+        facts=run.header.rig,
+        rest_g=_rest_g(list(readings.values())),
+        parts={name: commands for name, (commands, _) in readings.items()},
+    )
+
+
+def _rest_g(parts: Sequence[tuple[Array, Array]]) -> Array:
+    """Return the weight at rest (n,) for each reading of some parts, nan where no part has one."""
+    rests = [float(grams[at].mean()) if (at := command <= DEAD_COMMAND).any() else None for command, grams in parts]
+    rest_g, columns = next((rest for rest in rests if rest is not None), np.nan), list[Array]()
+    for rest, (command, _) in zip(rests, parts, strict=True):
+        rest_g = rest_g if rest is None else rest
+        columns.append(np.full(len(command), rest_g))
+    return np.concatenate(columns)
+
+
+def _readings_of(run: Run) -> tuple[Array, Array]:
+    """Return commands (n,) and grams (n,): typed readings, or means of those in the second half of each step."""
+    if holds(run, READINGS):
+        rows = read_rows(run, READINGS)
+        if "grams" not in rows.columns:
+            raise DataError(f"{rows.source.path}: no column 'grams': this is no run of `cfid log scales`.")
+        return rows.columns["command"], rows.columns["grams"]
+    if not holds(run, SCALES):
+        raise DataError(f"{run.folder}: holds no scales: `cfid log scales` records them.")
+    _, command, grams = shown_at_commands(run, SCALES, "grams")
+    return command, grams
 
 
 def scales_thrust_n(
@@ -49,8 +114,7 @@ def scales_thrust_n(
     Thrust reduces the weight; a reading that grows with the command is taken with the opposite sign. Readings of
     several recordings have a weight at rest `rest_g` (n,) each; otherwise it is the mean of the readings at rest.
 
-    Raises FitError without a reading of motors at rest, where the display stands still, and where one reading is off
-    the curve through the others.
+    Raises FitError without a reading of motors at rest, and where the display stands still.
     """
     standing = command <= DEAD_COMMAND
     if not standing.any() or standing.all():
@@ -61,51 +125,46 @@ def scales_thrust_n(
     lighter = (grams[standing].mean() if rest_g is None else rest_g) - grams
     upwards = math.copysign(1.0, float(lighter[~standing].sum()))
     thrust_n = np.asarray(upwards * lighter * 1e-3 * gravity_mps2 / motors)
-    _check_readings(command, grams, thrust_n)
-    return thrust_n
-
-
-def _check_readings(command: Array, grams: Array, thrust_n: Array) -> None:
-    """Raise FitError where weights (n,) do not change with the command, or one of them is off the others' curve."""
     if np.abs(thrust_n).max() < _STANDING_N:
         raise FitError(
             f"the scales show {grams.min():g} to {grams.max():g} g at every command from {command.min():.0f} to "
             f"{command.max():.0f}: the display stands still, or the motors never ran. A motor that turns changes it by "
             "0.1 g or more."
         )
-    if len(np.unique(command)) < _FEWEST:
-        return
-    rest = [_without(place, command, thrust_n) for place in range(len(command))]
-    place = int(np.argmin([squares for squares, _ in rest]))
-    squares, curve_n = rest[place]
-    usual_n = float(np.abs(np.delete(thrust_n, place)).max())
-    before = float(np.sum(fit_polynomial(command, thrust_n, order=2).residual ** 2))
-    off = abs(float(thrust_n[place]) - curve_n) / usual_n
-    if off > _OFF and squares < _LEFT * before:
-        raise FitError(
-            f"the reading {grams[place]:g} g at command {command[place]:.0f} is off the curve through the others by "
-            f"{100 * off:.0f} % of their largest change of weight (limit {100 * _OFF:.0f} %): a slip, or the vehicle "
-            "moved."
+    return thrust_n
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScalesCheck:
+    """Thrusts (n,) of one motor by another instrument, and by the map, whose thrust is zero up to command 1000.
+
+    `difference_n` is instrument less map. `rms_n` and `rms_percent`, relative to the map, are over the points of a
+    running motor. `gain` is the instrument's thrust over the map's, by least squares. Its standard uncertainty contains
+    the scatter of the points and the scales of both instruments; it is nan for fewer than three points.
+    """
+
+    command: Array
+    thrust_n: Array
+    map_n: Array
+    difference_n: Array
+    rms_n: float
+    rms_percent: float
+    gain: float
+    gain_std: float
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """A warning where scales and map differ by more than batteries and scales explain: one of them is wrong."""
+        largest_n = float(np.abs(self.map_n).max())
+        if self.rms_n <= _DIFFERS * largest_n:
+            return ()
+        text = (
+            f"the scales differ from the map by {1e3 * self.rms_n:.3g} mN rms, {100 * self.rms_n / largest_n:.0f} % of "
+            f"its largest thrust there (limit {100 * _DIFFERS:.0f} %), and show {self.gain:.2f} times the map's "
+            "thrust: one of the two is wrong. Check the number of motors, the batteries, and that nothing touched the "
+            "scales."
         )
-
-
-def _without(place: int, command: Array, thrust_n: Array) -> tuple[float, float]:
-    """Return the sum of squares about the curve through all points (n,) but one, and the curve's value there."""
-    fit = fit_polynomial(np.delete(command, place), np.delete(thrust_n, place), order=2)
-    return float(np.sum(fit.residual**2)), float(fit.at(command[place]))
-
-
-def scales_findings(found: ScalesCheck) -> tuple[Finding, ...]:
-    """Warn where scales and map differ by more than batteries and scales explain: one of them is wrong."""
-    largest_n = float(np.abs(found.map_n).max())
-    if found.rms_n <= _DIFFERS * largest_n:
-        return ()
-    text = (
-        f"the scales differ from the map by {1e3 * found.rms_n:.3g} mN rms, {100 * found.rms_n / largest_n:.0f} % of "
-        f"its largest thrust there (limit {100 * _DIFFERS:.0f} %), and show {found.gain:.2f} times the map's thrust: "
-        "one of the two is wrong. Check the number of motors, the batteries, and that nothing touched the scales."
-    )
-    return (warning("scales-differ", text, "motor.thrust_poly"),)
+        return (warning("scales-differ", text, "motor.thrust_poly"),)
 
 
 def verify_thrust(
@@ -121,9 +180,6 @@ def verify_thrust(
     if not running.any():
         raise FitError(f"nothing to verify the map with: no reading above command {DEAD_COMMAND}.")
     expected = np.where(running, thrust_map.fit.at(command), 0.0)
-    difference = thrust_n - expected
-    percent = np.full_like(expected, np.nan)
-    np.divide(100 * difference, expected, out=percent, where=expected != 0)
     ours, theirs = expected[running], thrust_n[running]
     gain = float(ours @ theirs / (ours @ ours))
     free = len(ours) - 1
@@ -132,10 +188,36 @@ def verify_thrust(
         command=command,
         thrust_n=thrust_n,
         map_n=expected,
-        difference_n=difference,
-        percent=percent,
-        rms_n=float(np.sqrt(np.mean(difference[running] ** 2))),
-        rms_percent=float(np.sqrt(np.mean(percent[running] ** 2))),
+        difference_n=thrust_n - expected,
+        rms_n=float(np.sqrt(np.mean((theirs - ours) ** 2))),
+        rms_percent=100 * float(np.sqrt(np.mean((theirs / ours - 1) ** 2))),
         gain=gain,
         gain_std=math.hypot(math.sqrt(scatter / float(ours @ ours)), *(gain * std for std in scale_stds)),
     )
+
+
+def verified(
+    mapped: MotorMap, scales: Sequence[Path], stand: Stand, loadcells: Sequence[RigFacts], gravity_mps2: float
+) -> tuple[ScalesCheck | None, Sequence[Finding]]:
+    """Compare a map with scales, from runs or tables; a run that another one completes is taken with that one.
+
+    Raises DataError.
+    """
+    weighings = [read_scales(path, stand) for path in dict.fromkeys(scales)]
+    parts = [set(weighing.parts) for weighing in weighings]
+    weighings = [
+        one
+        for one, names in zip(weighings, parts, strict=True)
+        if not (names and any(names < other for other in parts))
+    ]
+    if not weighings:
+        return None, ()
+    causes = [*scales_of_weights([weighing.facts for weighing in weighings]), *force_scales(loadcells)]
+    stds = [cause.std for cause in causes if cause.std is not None]
+    try:
+        thrust_n = np.concatenate([weighing.thrust_n(gravity_mps2) for weighing in weighings])
+        command = np.concatenate([weighing.command for weighing in weighings])
+        check = verify_thrust(mapped, command=command, thrust_n=thrust_n, scale_stds=stds)
+    except FitError as error:
+        return None, (warning("scales-not-comparable", f"the map is not verified: {error}"),)
+    return check, check.findings

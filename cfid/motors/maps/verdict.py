@@ -1,20 +1,19 @@
-"""Judges a staircase as soon as it is recorded: of the load cell, of typed readings, or of an instrument."""
+"""Judges a staircase as soon as it is recorded, by what the fits will say of it."""
 
 from collections.abc import Mapping
 from contextlib import suppress
 
 import numpy as np
+import numpy.typing as npt
 
 from cfid.counted import counted
 from cfid.errors import DataError, FitError
 from cfid.findings import joined, texts
-from cfid.motors.maps.data import of_completed, of_staircase
-from cfid.motors.maps.evidence import Evidence, Stand, together
+from cfid.motors.maps.data import Evidence, Stand, of_completed, of_record, together
 from cfid.motors.maps.result import fit_speed, fit_thrust, fit_torque
-from cfid.motors.maps.weighing import weighing_of
-from cfid.motors.plan import FEWEST_COMMANDS, StaircasePlan
-from cfid.motors.points import Array
-from cfid.motors.typed import Expected, expected_of
+from cfid.motors.maps.scales import weighing_of
+from cfid.motors.plan import FEWEST_COMMANDS, StaircasePlan, expected_of
+from cfid.motors.points import column
 from cfid.quantities.registry import range_of
 from cfid.recordings.read import read_recording
 from cfid.recordings.vehicle import (
@@ -34,6 +33,8 @@ from cfid.records.rig_file import Rig
 from cfid.records.run import Run
 from cfid.units import DEAD_COMMAND, USUAL_GRAVITY_MPS2
 
+Array = npt.NDArray[np.float64]
+
 _SHARE = 0.5  # of the steps that must be there
 _RISES = 0.02  # of the largest: how much more an instrument has to show at the highest command than at the lowest
 _LARGEST_N = "motor.max_thrust_n"
@@ -52,35 +53,35 @@ def of_forces(run: Run) -> str:
     """
     steps = sum(command > 0 for command in StaircasePlan.of_run(run).steps)  # a step at 0 is the tare
     record = wrench_of(read_recording(run.folder))
-    evidence = of_staircase(record, Stand().where(run.header.rig))
+    evidence = of_record(record, run, Stand().where(run.header.rig))
     axis, reduced = record.main_axis, evidence.reduced[0].staircase
     points = reduced.steady()
-    left_out = [f"command {point.command} is not: {point.reason}" for point in reduced.points if not point.settled]
     if len(points) < _SHARE * steps:
         raise FitError(f"only {len(points)} of {steps} steps are steady: hold them longer, or let the rig settle.")
     unit = "mN" if axis.startswith("F") else "mNm"
-    least, most = (1e3 * float(end(point.mean[AXES.index(axis)] for point in points)) for end in (min, max))
-    found = f"{len(points)} of {steps} steps are steady, {axis} from {least:.0f} to {most:.0f} {unit}"
-    commands = np.array([point.command or 0 for point in points], dtype=np.float64)
-    summary = "; ".join([found, *left_out[:1]]) + "."
+    values = [1e3 * float(point.mean[AXES.index(axis)]) for point in points]
+    steady = f"{len(points)} of {steps} steps are steady, {axis} from {min(values):.0f} to {max(values):.0f} {unit}"
+    left_out = [f"command {point.command} is not: {point.reason}" for point in reduced.points if not point.settled]
+    summary = "; ".join([steady, *left_out[:1]]) + "."
     before = of_completed(run)
     whole = together([*before.values(), evidence])
-    if lacking := _too_few(commands, before, "thrust"):
-        _check_thrust(run, whole, found, fitted=False)
+    commands = np.array([point.command or 0 for point in points], dtype=np.float64)
+    lacking = _too_few(commands, before, "thrust")
+    _check_thrust(run, whole, steady, fitted=not lacking)
+    if lacking:
         return summary + lacking
-    _check_thrust(run, whole, found, fitted=True)
     return summary + _in_parts(before) + (_about_torque(run, whole) if {"Fz", "Tz"} <= set(record.axes) else "")
 
 
-def _check_thrust(run: Run, evidence: Evidence, found: str, *, fitted: bool) -> None:
-    """Raise FitError with what was `found` where no motor of the platform has the thrust, measured or fitted."""
-    rig, thrust_n, faults = _rig_around(run), evidence.points.thrust_n, list[str]()
+def _check_thrust(run: Run, evidence: Evidence, steady: str, *, fitted: bool) -> None:
+    """Raise FitError where no motor of the platform has the thrust, measured or fitted."""
+    rig, thrust_n, faults = _rig_around(run), column(evidence.points, "thrust_n"), list[str]()
     expected = range_of(_LARGEST_N, platform_of(rig))
     if thrust_n is None or np.isnan(thrust_n).all() or expected is None:
         return
     if (largest_n := float(np.nanmax(thrust_n))) > expected.largest:
         given = Given("largest thrust of a motor", largest_n, expected, "N")
-        faults += [one.text for one in implausible_inputs([given], rig)]
+        faults += [finding.text for finding in implausible_inputs([given], rig)]
     elif fitted:
         with suppress(FitError):
             findings = judged(fit_thrust(evidence), rig).findings
@@ -88,12 +89,12 @@ def _check_thrust(run: Run, evidence: Evidence, found: str, *, fitted: bool) -> 
     if faults:
         lines = (run.header.devices[LOADCELL].model_extra or {}).get("asked") == "lines"
         unit = "unit and scale of devices.loadcell in rig.toml" if lines else "the load cell's configuration"
-        raise FitError(f"{found}, but {faults[0]} Check {unit}, and which motors ran.")
+        raise FitError(f"{steady}, but {faults[0]} Check {unit}, and which motors ran.")
 
 
 def _about_torque(run: Run, evidence: Evidence) -> str:
     """Return why the fit of torque rejects a staircase; "" where it does not, or where rotors' torques cancel."""
-    torque_nm = evidence.points.torque_nm
+    torque_nm = column(evidence.points, "torque_nm")
     if torque_nm is None or np.isnan(torque_nm).all():
         return ""
     try:
@@ -105,41 +106,68 @@ def _about_torque(run: Run, evidence: Evidence) -> str:
 
 
 def of_readings(run: Run) -> str:
-    """Return how many steps have a reading, and what their fit lacks.
+    """Return how many steps have a reading, or what an instrument showed, and what their fit lacks.
 
-    Raises DataError or FitError where the readings are rejected: where few steps have one, where one is implausible, or
-    because of the line through speeds.
+    Raises DataError or FitError where the readings are rejected: where few steps have one, where one is implausible,
+    where they follow no command, or because of the line through speeds.
     """
     plan = StaircasePlan.of_run(run)
     if not holds(run, READINGS):
         return _of_instrument(run, plan)
     columns = read_rows(run, READINGS).columns
-    ((name, value),) = ((name, column) for name, column in columns.items() if name != "command")
+    ((name, value),) = ((name, values) for name, values in columns.items() if name != "command")
     command, read, steps = columns["command"], int(np.count_nonzero(np.isfinite(value))), len(plan.steps)
     if read < _SHARE * steps:
         raise DataError(f"only {read} of {steps} steps have a reading.")
     markers, platform = run.header.rig.tachometer.markers, platform_of(_rig_around(run))
-    expected = expected_of(name, motors=len(plan.motors), markers=markers, platform=platform)
-    if expected is not None:
-        _check_plausible(command, value, expected)
-    found = f"{counted(read, 'reading')} at {counted(steps, 'step')}, from {value.min():g} to {value.max():g}."
-    if name == "rpm":
-        return found + _about_speeds(run, command)
-    return found + _about_weights(run)
+    if (expected := expected_of(name, motors=len(plan.motors), markers=markers, platform=platform)) is not None:
+        # Readings of motors at rest, and the one furthest from the others.
+        for place in (*np.flatnonzero(command == 0).tolist(), int(np.argmax(np.abs(value - np.median(value))))):
+            others = np.delete(value, place).tolist()
+            if fault := expected.fault(float(value[place]), others, command=float(command[place])):
+                raise DataError(f"command {command[place]:.0f}: {fault}")
+    summary = f"{counted(read, 'reading')} at {counted(steps, 'step')}, from {value.min():g} to {value.max():g}."
+    return summary + (_about_speeds(run, command) if name == "rpm" else _about_weights(run))
+
+
+def _of_instrument(run: Run, plan: StaircasePlan) -> str:
+    """Return what a tachometer, scales or the vehicle's log showed, and what their fit lacks."""
+    for device, (name, unit, shows) in _SHOWN.items():
+        if not holds(run, device):
+            continue
+        _, command, value = shown_at_commands(run, device, name)
+        driven, readings = command[command > 0], value[command > 0]
+        if not len(driven):
+            raise DataError("no command was held to its end.")
+        if not np.any(readings):
+            raise DataError(f"{shows} 0 {unit} at every command: check the instrument and where it stands.")
+        (low, first), (high, last) = ((driven[at], readings[at]) for at in (np.argmin(driven), np.argmax(driven)))
+        summary = f"{shows} {first:.4g} {unit} at command {low:.0f} and {last:.4g} at command {high:.0f}"
+        if high > low and abs(last - first) < _RISES * np.abs(readings).max():
+            raise DataError(f"{summary}.")
+        if device == SCALES:
+            return f"{summary}.{_about_weights(run)}"
+        markers = run.header.rig.tachometer.markers or 1
+        turns = f"divided by {markers}, these are speeds of the rotor"
+        return f"{summary} and counts {counted(markers, 'marker')} a turn: {turns}.{_about_speeds(run, driven)}"
+    speeds = reported_speeds_rad_s(read_rows(run, VEHICLE_LOG)) if holds(run, VEHICLE_LOG) else {}
+    if not any(np.any(speed > 0) for speed in speeds.values()):
+        raise DataError("the vehicle's log has no speed above 0.")
+    return f"the vehicle's log has the speeds.{_about_speeds(run, np.array(plan.steps))}"
 
 
 def _too_few(command: Array, before: Mapping[str, Evidence], kind: str) -> str:
     """Return that a map needs points at more commands than these (n,) and earlier runs have; "" if they suffice."""
     needed = FEWEST_COMMANDS[kind]
-    driven = np.concatenate([command, *(part.points.command for part in before.values())])
-    there = len(np.unique(driven[driven > DEAD_COMMAND]))
-    if there >= needed:
+    driven = np.concatenate([command, *(part.points["command"] for part in before.values())])
+    count = len(np.unique(driven[driven > DEAD_COMMAND]))
+    if count >= needed:
         return ""
-    own = f"together with {', '.join(before)}, which it completes" if before else "of its own"
+    alone = f"together with {', '.join(before)}, which it completes" if before else "of its own"
     these = "these runs" if before else "this run"
     return (
-        f" Too short for a map {own}: `cfid fit {kind}` takes at least {needed} commands above {DEAD_COMMAND}, from "
-        f"{these} and others, and {'here is 1' if there == 1 else f'here are {there}'}."
+        f" Too short for a map {alone}: `cfid fit {kind}` takes at least {needed} commands above {DEAD_COMMAND}, from "
+        f"{these} and others, and {'here is 1' if count == 1 else f'here are {count}'}."
     )
 
 
@@ -150,17 +178,8 @@ def _in_parts(before: Mapping[str, Evidence]) -> str:
 
 def _beside(before: Mapping[str, Array]) -> str:
     """Return how a sentence on a run begins that names those before it, with their commands (n,); "" for none."""
-    parts = [f"{name} (commands {own.min():.0f} to {own.max():.0f})" for name, own in before.items()]
+    parts = [f"{name} (commands {commands.min():.0f} to {commands.max():.0f})" for name, commands in before.items()]
     return f"together with {', '.join(parts)}, which it completes: " if parts else ""
-
-
-def _check_plausible(command: Array, value: Array, expected: Expected) -> None:
-    """Raise DataError for an implausible reading (n,): one of motors at rest, or the furthest from the others."""
-    furthest = int(np.argmax(np.abs(value - np.median(value))))
-    for place in (*np.flatnonzero(command == 0).tolist(), furthest):
-        others = np.delete(value, place).tolist()
-        if fault := expected.fault(float(value[place]), others, command=float(command[place])):
-            raise DataError(f"command {command[place]:.0f}: {fault}")
 
 
 def _rig_around(run: Run) -> Rig | None:
@@ -178,12 +197,12 @@ def _about_speeds(run: Run, command: Array) -> str:
     if lacking := _too_few(command, before, "speed"):
         return lacking
     result = judged(fit_speed([*before.values(), run]), _rig_around(run))
-    if not result.accepted:
-        counted_marks = holds(run, READINGS) or holds(run, TACHOMETER)
-        unusual = any(one.code == "speed-unusual" for one in result.findings)
-        against = joined([*texts(result.findings, "rejection"), *[_MARKERS] * (counted_marks and unusual)])
-        raise FitError(_beside({name: part.points.command for name, part in before.items()}) + against)
-    return _in_parts(before)
+    if result.accepted:
+        return _in_parts(before)
+    counts_markers = holds(run, READINGS) or holds(run, TACHOMETER)
+    implausible = any(finding.code == "implausible" for finding in result.findings)
+    against = joined([*texts(result.findings, "rejection"), *[_MARKERS] * (counts_markers and implausible)])
+    raise FitError(_beside({name: part.points["command"].to_numpy() for name, part in before.items()}) + against)
 
 
 def _about_weights(run: Run) -> str:
@@ -205,35 +224,3 @@ def _about_weights(run: Run) -> str:
         f" {alone} it verifies no map: `cfid fit thrust` with `verify` takes a change of weight, from a reading at "
         f"command 0 to readings above {DEAD_COMMAND}."
     )
-
-
-def _counted(run: Run) -> str:
-    """Return a clause on how a tachometer's readings are understood."""
-    markers = run.header.rig.tachometer.markers or 1
-    return f" and counts {counted(markers, 'marker')} a turn: divided by {markers}, these are speeds of the rotor"
-
-
-def _of_instrument(run: Run, plan: StaircasePlan) -> str:
-    """Return what a tachometer, scales or the vehicle's log showed, and what their fit lacks.
-
-    Raises DataError where that follows no command, FitError where the fit rejects it.
-    """
-    for device, (column, unit, shows) in _SHOWN.items():
-        if holds(run, device):
-            _, command, value = shown_at_commands(run, device, column)
-            driven, shown = command[command > 0], value[command > 0]
-            if not len(driven):
-                raise DataError("no command was held to its end.")
-            if not np.any(shown):
-                raise DataError(f"{shows} 0 {unit} at every command: check the instrument and where it stands.")
-            (low, first), (high, last) = ((driven[at], shown[at]) for at in (np.argmin(driven), np.argmax(driven)))
-            found = f"{shows} {first:.4g} {unit} at command {low:.0f} and {last:.4g} at command {high:.0f}"
-            if high > low and abs(last - first) < _RISES * np.abs(shown).max():
-                raise DataError(f"{found}.")
-            if unit == "rpm":
-                return f"{found}{_counted(run)}.{_about_speeds(run, driven)}"
-            return f"{found}.{_about_weights(run)}"
-    speeds = reported_speeds_rad_s(read_rows(run, VEHICLE_LOG)) if holds(run, VEHICLE_LOG) else {}
-    if not any(np.any(speed > 0) for speed in speeds.values()):
-        raise DataError("the vehicle's log has no speed above 0.")
-    return f"the vehicle's log has the speeds.{_about_speeds(run, np.array(plan.steps))}"

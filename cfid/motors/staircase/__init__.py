@@ -1,1 +1,0 @@
-"""The procedure of a staircase: commands held one after the other, with or without readings by an operator."""
