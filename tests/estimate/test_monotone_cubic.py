@@ -81,7 +81,7 @@ def test_what_rises_is_accepted_and_what_folds_is_refused_with_the_numbers() -> 
 
 @pytest.mark.parametrize("truth", [INSIDE, SQUARE], ids=["inside, near the surface", "outside"])
 def test_stated_uncertainties_are_those_of_repeated_campaigns(truth: Array) -> None:
-    """On the constraint's surface, the covariance is simulated; thrusts are compared, since users need those."""
+    """Thrusts are compared, since users need those."""
     volts = np.linspace(1.5, 3.8, 10)
     found = [fitted(truth, seed=seed, noise_n=1e-3) for seed in range(100)]
     scatter = np.std([one.fit.at(volts) for one in found], axis=0, ddof=1)
