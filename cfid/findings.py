@@ -40,10 +40,6 @@ CODES: dict[str, tuple[Severity, str]] = {
         "{rows} rows {step_ms:.4g} ms apart, angle from column '{column}', from {low_deg:.1f} to "
         "{high_deg:.1f} degrees.",
     ),
-    "flight-props-out": (
-        "note",
-        "rotors turn the other way than a Crazyflie's: the front right one clockwise, seen from above.",
-    ),
     "force-hung": (
         "warning",
         "{count} of {rows} samples repeat the one before for long (first at {first_s:.4g} s): the load "

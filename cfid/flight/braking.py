@@ -9,8 +9,7 @@ import numpy.typing as npt
 
 from cfid.estimate.linear import gain_of, sandwich
 from cfid.estimate.signals import block_means
-from cfid.flight.likelihood import whitening, without
-from cfid.flight.model import FlightEquation
+from cfid.flight.model import FlightEquation, whitening, without
 from cfid.flight.rows import ROW_S, Flight, segments
 
 Array = npt.NDArray[np.float64]

@@ -1,34 +1,86 @@
-"""Convert logs to drives, rates, specific forces and velocities along the vehicle's axes, and find when it flew."""
+"""Read flights from logs: commands, rates, specific forces, velocity and voltage along the vehicle's axes.
 
-from collections.abc import Sequence
+Channels are found by the names that autopilots use. Each reading counts once, single impossible values are left out,
+and everything is brought to the rows of a `Flight`, whose axes are x forward, y left, z up.
+"""
+
+import math
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+from scipy.interpolate import CubicSpline
 
-from cfid.errors import DataError, FitError
-from cfid.findings import Finding, finding, rejection, warning
-from cfid.flight.airborne import in_air, late, without_touches
-from cfid.flight.channels import at_rows, held, motion, moving_others, volts_of
-from cfid.flight.gyro_unit import refuse_other_unit
-from cfid.flight.repeated import ACCELEROMETER, GYRO, commands_held_s, held_findings, repeated_findings
+from cfid.counted import counted
+from cfid.errors import ConfigError, DataError, FitError
+from cfid.estimate.held_readings import Readings, once_each
+from cfid.findings import Finding, finding, note, rejection, warning
+from cfid.flight.airborne import EDGE_S, in_air, late, without_touches
 from cfid.flight.rows import AXES, ROW_S, ROW_STEPS, STEP_S, Flight, segments, turned_back
-from cfid.flight.sensed import SLOWEST_S, Sensed, sensed_in
-from cfid.recordings.crazyflie import findings_in
+from cfid.recordings import supply
+from cfid.recordings.crazyflie import Timed, between, channel, findings_in, first_of, si_values, times_in
 from cfid.recordings.gyro import at_end_of_range
+from cfid.recordings.limits import (
+    COMMANDS,
+    FORCES,
+    RATES,
+    Limits,
+    other_scale,
+    refuse_repeated_times,
+    without_hung,
+)
 from cfid.recordings.read import read_recording
 from cfid.recordings.recording import Recording
 from cfid.units import DEAD_COMMAND, FULL_COMMAND, MOTORS, USUAL_GRAVITY_MPS2
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
-_WEIGHT = (0.2, 5.0)  # of gravity: the median specific force is close to it; outside these limits, the unit is wrong
+_Sensor = tuple[tuple[str, ...], tuple[float, ...], float | None]
+
+GYRO, ACCELEROMETER = "gyro", "accelerometer"
+_COMMANDS = ("motor.m{}", "pwm.m{}_pwm", "pwm.m{}", "control.m{}")
+_VOLTS = ("pm.vbat", "pm.vbatMV")
+_FURTHER = re.compile(r"(?:motor|control)\[(?:[4-9]|1\d)\]|(?:motor|pwm|control)\.m(?:[5-9]|1\d)")
+_DOWN = (1.0, -1.0, -1.0)  # of PX4's axes: x forward, y right, z down
+_UP = (1.0, 1.0, 1.0)
+# The names of sensors in order of preference, with the signs that convert their axes to forward, left and up, and the
+# cut-off in Hz of the second-order Butterworth filter that the Crazyflie's firmware applies before its log. Names of
+# several topics of PX4 count in the one named.
+_OF_PX4 = ("xyz[0]", "xyz[1]", "xyz[2]")
+_RATES: tuple[_Sensor, ...] = (
+    (("gyro.x", "gyro.y", "gyro.z"), _UP, 80.0),
+    (("imu_gyro_x", "imu_gyro_y", "imu_gyro_z"), _UP, 80.0),
+    (("gyro_rad[0]", "gyro_rad[1]", "gyro_rad[2]"), _DOWN, None),
+    (("gyroADC[0]", "gyroADC[1]", "gyroADC[2]"), _UP, None),
+    (("gyroUnfilt[0]", "gyroUnfilt[1]", "gyroUnfilt[2]"), _UP, None),
+    (_OF_PX4, _DOWN, None),
+)
+_FORCES: tuple[_Sensor, ...] = (
+    (("acc.x", "acc.y", "acc.z"), _UP, 30.0),
+    (("accelerometer_m_s2[0]", "accelerometer_m_s2[1]", "accelerometer_m_s2[2]"), _DOWN, None),
+    (("accSmooth[0]", "accSmooth[1]", "accSmooth[2]"), _UP, None),
+    (_OF_PX4, _DOWN, None),
+)
+_VELOCITY, _QUATERNION = ("vx", "vy", "vz"), ("qw", "qx", "qy", "qz")  # of motion capture, in the world's axes
+
+_SLOWEST_S = 0.021  # the largest time between rows of a sensor: with more, changes of the rates are missed
+_OTHER_UNIT_S = 0.5  # between rows, 1000 times the longest that autopilots log
+_AVERAGED_S = ROW_S / 2  # between rows of a sensor: if they are closer, they are averaged
+_MOST_S = 600.0  # of a flight
+_AROUND_S = 5.0  # of rows that are kept before and after, for channels that are logged rarely
+_HELD_S = 0.003  # the longest time for which commands are held without a finding: drives have steps of 2 ms
+_WRONG_SHARE = 0.1  # of the voltage's values: if more are wrong, the whole channel is not used
+_WEIGHT = (0.2, 5.0)  # of gravity: outside these limits, the accelerometer's unit or direction is another
+_WILD_SHARE = 0.02  # of the gyro's rows: public logs have none beyond a gyro's range, 6 to 80 % where read in degrees
 # Rows are left out for this time after a motor left its range or commands are missing: until then, the rotors still
 # follow what happened before.
 _SETTLING_S = 0.3
 _FEWEST = 500  # rows: 5 s, the least that a gyro has to show of the rotation about an axis
 _AT_END_S = 2 * ROW_S  # around an end of the gyro's range: the means of these rows contain a part of it
+_SAME_ROWS = 100  # rows of commands that suffice to recognize a flight
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -46,7 +98,7 @@ class FlownLog:
     by_command: Flight
     findings: tuple[Finding, ...]
     apart_s: tuple[float, float, float]
-    voltmeter: tuple[Array, Array] | None = None
+    voltmeter: Timed | None = None
 
     @property
     def in_air_s(self) -> float:
@@ -83,134 +135,112 @@ def flight_of(
     if props_out:
         whole = replace(whole, facts=replace(whole.facts, props_out=True))
     _refuse_other_motors(whole)
-    sensed = sensed_in(whole, from_s or 0.0, np.inf if to_s is None else to_s)
-    voltmeter, faults = volts_of(sensed.log)
-    if voltmeter is not None:
-        voltmeter = voltmeter[0] - sensed.begin_s, voltmeter[1]
-    by_command, gaps, found = _by_command(sensed)
-    name = whole.path.name
-    return FlownLog(
-        log=whole,
-        flight=by_command if voltmeter is None else _in_volts(by_command, *voltmeter),
-        by_command=by_command,
-        voltmeter=voltmeter,
-        apart_s=sensed.apart_s,
-        findings=(
-            *findings_in(whole),
-            *_of_facts(whole),
-            *(one.at(name) for one in sensed.findings),
-            *(warning("recording", text).at(name) for text in (*faults, *gaps)),
-            *(one.at(name) for one in repeated_findings(sensed.readings)),
-            *(one.at(name) for one in held_findings(by_command.held_s)),
-            *(one.at(name) for one in found),
-        ),
-    )
+    first_s = channel(whole, command_names(whole)[0]).time_s
+    refuse_repeated_times(whole.path, first_s)
+    _check_spacing(first_s, whole)
+    begin_s, end_s = _window(first_s, whole.path, from_s or 0.0, np.inf if to_s is None else to_s)
+    log = between(whole, begin_s - _AROUND_S, end_s + _AROUND_S)
 
+    findings: list[Finding] = []
+    commands, rates, forces, low_pass_hz = _signals(log, findings)
+    timed_s = [signal.time_s for signal in (*commands, rates, forces)]
+    begin_s, end_s = max(begin_s, *(time_s[0] for time_s in timed_s)), min(end_s, *(time_s[-1] for time_s in timed_s))
+    _check_left(end_s - begin_s, log.path)
+    for time_s in timed_s:
+        _check_spacing(time_s, log)
+    readings = {}
+    rates, readings[GYRO] = _first_rows(rates)
+    forces, readings[ACCELEROMETER] = _first_rows(forces)
+    for sensor in (rates, forces):
+        _check_spacing(sensor.time_s, log, "readings")
+    held_s = _held_s(commands, readings)
+    findings += [*_repeated_findings(readings), *_held_findings(held_s)]
 
-def _by_command(sensed: Sensed) -> tuple[Flight, tuple[str, ...], tuple[Finding, ...]]:
-    """Return the flight with commands as drives, a sentence on gaps, and findings on touches and the gyro's range."""
-    row_s = sensed.row_s
-    command = np.column_stack([held(*one, sensed.step_s) for one in sensed.commands])
-    force = at_rows(*sensed.forces, row_s, averaged=sensed.averaged)
-    spun = at_rows(*sensed.rates, row_s, averaged=sensed.averaged)
-    velocity, attitude = motion(sensed.log, row_s)
-    if velocity is not None and attitude is not None:
-        velocity = turned_back(attitude, velocity)
-    share = command[::ROW_STEPS]
-    running = (share > 0).all(axis=1)
-    _check_weight(force[running], sensed.log.path)
-    refuse_other_unit(sensed.log, *sensed.rates, np.interp(sensed.rates[0], row_s, running) == 1)
-    unseen, gaps = _unseen(sensed.times_s, row_s)
-    airborne, touches = without_touches(
-        in_air(share, force, spun) & ~unseen,
-        ~late(unseen, _SETTLING_S),
-        command,
-        force[:, 2],
-        begin_s=sensed.begin_s - sensed.first_s,
-    )
-    within = ~unseen & ((share > DEAD_COMMAND) & (share < FULL_COMMAND)).all(axis=1)
-    driven = airborne & ~late(np.asarray(~within), _SETTLING_S)
-    beyond, clipped = _beyond(*sensed.rates, row_s, driven)
-    flight = Flight(
-        name=sensed.log.path.stem,
+    rows = int((end_s - begin_s) / ROW_S)
+    row_s = np.asarray(begin_s + ROW_S * np.arange(rows), dtype=np.float64)
+    step_s = np.asarray(begin_s + STEP_S * np.arange(rows * ROW_STEPS), dtype=np.float64)
+    averaged = _apart_s(rates.time_s) < _AVERAGED_S
+    command = np.column_stack([_held(motor, step_s) for motor in commands])
+    force, rate = (at_rows(*sensor, row_s, averaged=averaged) for sensor in (forces, rates))
+    running = (command[::ROW_STEPS] > 0).all(axis=1)
+    _check_units(log.path, force[running], rates.value[np.interp(rates.time_s, row_s, running) == 1])
+    unseen = _in_gaps([signal.time_s for signal in (*commands, rates, forces)], row_s, findings)
+    airborne, driven = _flown(command, force, rate, unseen, findings, begin_s=begin_s - first_s[0])
+    velocity, attitude = _motion(log, row_s)
+    by_command = Flight(
+        name=log.path.stem,
         drive=command / FULL_COMMAND,
-        rates=spun,
+        rates=rate,
         force=force,
         airborne=airborne,
         driven=driven,
-        beyond=beyond,
-        averaged=sensed.averaged,
+        beyond=_beyond(rates, row_s, driven, findings),
+        averaged=averaged,
         in_volts=False,
-        low_pass_hz=sensed.low_pass_hz,
-        ages_s=(sensed.readings[ACCELEROMETER].age_s, sensed.readings[GYRO].age_s),
-        held_s=commands_held_s(sensed.commands, sensed.readings),
+        low_pass_hz=low_pass_hz,
+        ages_s=(readings[ACCELEROMETER].age_s, readings[GYRO].age_s),
+        held_s=held_s,
         velocity=velocity,
         attitude=attitude,
-        props_out=sensed.log.facts.props_out is True,
+        props_out=log.facts.props_out is True,
     )
-    return flight, gaps, (*touches, *clipped)
-
-
-def _of_facts(log: Recording) -> tuple[Finding, ...]:
-    """Return findings on what a log, or an option, states of its rotors and of its clock."""
-    found = []
-    if log.facts.props_out:
-        found.append(finding("flight-props-out"))
+    voltmeter = _voltmeter(log, begin_s, findings)
     if log.facts.clock == "unknown":
-        found.append(finding("gyro-clock-undecided", "flight.inertia_kg_m2.*", "flight.*_s", "flight.drag*"))
-    return tuple(one.at(log.path.name) for one in found)
-
-
-def _in_volts(flight: Flight, time_s: Array, volts: Array) -> Flight:
-    """Return a flight whose drives are commands times the battery's volts (k,), at times since its first drive."""
-    at_s = STEP_S * (np.arange(len(flight.drive)) + 0.5)  # the middle of the step over which each command is averaged
-    volts = np.interp(at_s, time_s, volts)
-    return replace(flight, drive=flight.drive * volts[:, np.newaxis], in_volts=True, volts=volts)
-
-
-def _unseen(timed: Sequence[Array], row_s: Array) -> tuple[Mask, tuple[str, ...]]:
-    """Return the rows (m,) in long gaps of some channel, and a sentence on them; `timed` are the channels' times."""
-    unseen = np.zeros(len(row_s), bool)
-    for time_s in timed:
-        for place in np.flatnonzero(np.diff(time_s) > SLOWEST_S):
-            unseen |= (row_s > time_s[place] - ROW_S) & (row_s < time_s[place + 1] + ROW_S)
-    lost_s = ROW_S * int(np.count_nonzero(unseen))
-    text = (
-        f"{lost_s:.3g} s in gaps without rows, or with rows that have no command or reading (above "
-        f"{1e3 * SLOWEST_S:.0f} ms), and what follows, are left out."
+        findings.append(finding("gyro-clock-undecided", "flight.inertia_kg_m2.*", "flight.*_s", "flight.drag*"))
+    return FlownLog(
+        log=whole,
+        flight=by_command if voltmeter is None else _in_volts(by_command, voltmeter),
+        by_command=by_command,
+        voltmeter=voltmeter,
+        apart_s=(_commands_apart_s(commands[0], readings), _apart_s(rates.time_s), _apart_s(forces.time_s)),
+        findings=(*findings_in(whole), *(each.at(whole.path.name) for each in findings)),
     )
-    return unseen, (text,) if unseen.any() else ()
 
 
-def _beyond(time_s: Array, rates: Array, row_s: Array, driven: Mask) -> tuple[Mask | None, list[Finding]]:
-    """Return rows (m,) at which a gyro was at an end of its range, None if it never was, and a finding on them.
+def command_names(log: Recording) -> list[str]:
+    """Return the channel names of the commands of motors 1 to 4. Raises DataError where one is missing."""
+    names = [first_of(log, _COMMANDS, motor) for motor in MOTORS]
+    missing = ", ".join(f"motor.m{motor}" for motor, name in zip(MOTORS, names, strict=True) if name is None)
+    if not missing:
+        return [name for name in names if name is not None]
+    remedy = f"no {missing}. Give the columns of a table these names."
+    if "ULog of PX4" in log.facts.program:
+        remedy = "no topic actuator_motors: PX4 has it from 1.13 on. Log it with the high rate of SDLOG_PROFILE."
+    if "blackbox log of" in log.facts.program:
+        remedy = (
+            "no motor[0] to motor[3] with a header motorOutput, which states their range: log them "
+            "(blackbox_disable_motors = OFF)."
+        )
+    raise DataError(f"{log.path}: a flight's thrust is that of all four motors, and there is {remedy}")
 
-    Where less than 5 s of the rows that are `driven` (m,) would remain, the quantities that depend on rates are
-    rejected.
+
+def same_flight(log: Recording, other: Recording) -> bool:
+    """Return whether two logs of any kind record the same flight, by their commands.
+
+    Rows of four 16-bit numbers do not repeat by chance in another flight.
     """
-    ends = [at_end_of_range(rate, rate) | at_end_of_range(rate, -rate) for rate in rates.T]
-    at_s = time_s[np.logical_or.reduce(ends)]
-    if not len(at_s):
-        return None, []
-    beyond = np.searchsorted(at_s, row_s + _AT_END_S) > np.searchsorted(at_s, row_s - _AT_END_S)
-    reached = [
-        f"{np.degrees(np.abs(rate).max()):.0f} deg/s about {axis}"
-        for axis, rate, end in zip(AXES, rates.T, ends, strict=True)
-        if end.any()
-    ]
-    text = f"the gyro reached {', '.join(reached)}, the end of its range, and shows no more than that: "
-    left = sum(one.stop - one.start for one in segments(driven & ~beyond))
-    lost_s = ROW_S * int(np.count_nonzero(beyond))
-    remedy = "Set a larger range, or turn slower."
-    if left < _FEWEST:
-        text += f"{ROW_S * left:.1f} s are left without it (at least {ROW_S * _FEWEST:g} s). {remedy}"
-        return beyond, [rejection("flight-gyro-clipped", text, "flight.inertia_kg_m2.*", "flight.*_s")]
-    text += f"{lost_s:.3g} s are left out of what rests on rates. {remedy}"
-    return beyond, [warning("flight-gyro-clipped", text, "flight.inertia_kg_m2.*")]
+    sets = [_command_rows(each) for each in (log, other)]
+    fewest = min(map(len, sets))
+    return fewest >= _SAME_ROWS and len(sets[0] & sets[1]) > fewest / 2
+
+
+def at_rows(time_s: Array, values: Array, row_s: Array, *, averaged: bool) -> Array:
+    """Return values (m, 3) at rows: means over each row's 10 ms, or interpolated."""
+    if not averaged:
+        return np.column_stack([np.interp(row_s, time_s, column) for column in values.T])
+    later = np.append(True, np.diff(np.maximum.accumulate(time_s)) > 0)
+    time_s, values = time_s[later], values[later]
+    total = CubicSpline(time_s, values).antiderivative()  # straight lines between rows of 2 ms lose 1 % at 20 Hz
+    low, high = (np.clip(row_s + side * ROW_S / 2, time_s[0], time_s[-1]) for side in (-1, 1))
+    return np.asarray((total(high) - total(low)) / ROW_S)
 
 
 def _refuse_other_motors(log: Recording) -> None:
-    if others := moving_others(log):
+    """Raise FitError where motors beyond m1 to m4 run at any time in the series of the commands."""
+    series = log.holding(command_names(log)[0])
+    further = [column for column in series.columns if _FURTHER.fullmatch(column.name)]
+    others = [column.name for column in further if np.any(np.nan_to_num(column.values))]
+    if others:
         raise FitError(
             f"{log.path}: there are commands of {', '.join(others)} besides those of the motors m1 to m4, "
             f"{len(MOTORS) + len(others)} in all: thrust and moments are fitted, and flights predicted, for "
@@ -218,19 +248,317 @@ def _refuse_other_motors(log: Recording) -> None:
         )
 
 
-def _check_weight(force: Array, path: Path) -> None:
-    """Raise DataError where specific forces (n, 3) under running motors are not about 1 g, or point down."""
-    if not len(force):
+def _window(time_s: Array, path: Path, from_s: float, to_s: float) -> tuple[float, float]:
+    """Return the first and last time of the rows (n,) to fit. Raises ConfigError for too long or too short a window."""
+    begin, end = float(time_s[0]) + from_s, float(min(time_s[-1], time_s[0] + to_s))
+    _check_left(end - begin, path)
+    if end - begin > _MOST_S:
+        raise ConfigError(f"{path}: {end - begin:.0f} s at once (limit {_MOST_S:g} s): give `from_s` and `to_s`.")
+    return begin, end
+
+
+def _check_left(left_s: float, path: Path) -> None:
+    if not left_s > 2 * EDGE_S:
+        raise ConfigError(f"{path}: {max(left_s, 0.0):.3g} s are left of the log (limit {2 * EDGE_S:g} s).")
+
+
+def _check_spacing(time_s: Array, log: Recording, what: str = "rows") -> None:
+    """Raise DataError for rows, or `what` they show, at times (n,) too far apart to follow rates."""
+    if len(time_s) < 2 or (apart_s := _apart_s(time_s)) <= _SLOWEST_S:
         return
-    size = float(np.median(np.linalg.norm(force, axis=1))) / USUAL_GRAVITY_MPS2
-    if not _WEIGHT[0] < size < _WEIGHT[1]:
-        reason = "in m/s^2, not in g" if size > _WEIGHT[1] else "in g, not in m/s^2"
+    other = " If times are in a smaller unit, import the table with `unit`." if apart_s >= _OTHER_UNIT_S else ""
+    raise DataError(
+        f"{log.path}: {what} {1e3 * apart_s:.0f} ms apart (limit {1e3 * _SLOWEST_S:.0f} ms): log motors, gyro and "
+        f"accelerometer every 10 ms at least (PX4: the high rate of SDLOG_PROFILE).{other}"
+    )
+
+
+def _apart_s(time_s: Array) -> float:
+    """Return the usual time between rows at times (n,)."""
+    return float(np.median(np.diff(time_s)))
+
+
+def _signals(
+    log: Recording, findings: list[Finding]
+) -> tuple[list[Timed], Timed, Timed, tuple[float | None, float | None]]:
+    """Return commands of each motor, rates (n, 3), specific forces (n, 3), and the filters of accelerometer and gyro.
+
+    Impossible values and rows in which a sensor hung are left out, and are then in `findings`. A missing command is not
+    replaced by the one before: what the motor did without it is unknown, so the row is treated as missing.
+    """
+    commands = []
+    for name, motor in zip(command_names(log), _commands_of(log), strict=True):
+        known = np.isfinite(motor.value)
+        if not known.any():
+            raise DataError(f"{log.path}: '{name}' has no number: a flight's thrust is that of all four motors.")
+        commands.append(_possible(Timed(motor.time_s[known], motor.value[known]), COMMANDS, name, findings))
+    rates, rates_hz = _sensor(log, _RATES, "vehicle_angular_velocity", "rates", "rad/s")
+    forces, forces_hz = _sensor(log, _FORCES, "vehicle_acceleration", "accelerations", "m/s^2")
+    sensors = {
+        GYRO: _possible(rates, RATES, GYRO, findings),
+        ACCELEROMETER: _possible(forces, FORCES, ACCELEROMETER, findings),
+    }
+    (rates_left, forces_left), hung = without_hung(sensors)
+    findings += hung
+    return commands, Timed(*rates_left), Timed(*forces_left), (forces_hz, rates_hz)
+
+
+def _commands_of(log: Recording) -> list[Timed]:
+    """Return the times (n,) and commands (n,), 0 to 65535, of each motor. Raises DataError for other units."""
+    commands = [channel(log, name) for name in command_names(log)]
+    most = max(float(np.nanmax(motor.value, initial=0.0)) for motor in commands)
+    if (scale := other_scale(most)) is not None:
         raise DataError(
-            f"{path}: accelerations of {size:.2g} g while the motors run, where a flight has about 1: are they "
-            f"{reason}? Scale these columns, or state their unit in the header of a table, as in acc.x [m/s^2]."
+            f"{log.path}: commands of at most {most:.3g}, where full thrust is {FULL_COMMAND:g}: are they {scale}? "
+            "Scale the motors' columns."
         )
-    if float(np.median(force[:, 2])) < 0:
+    return commands
+
+
+def _command_rows(log: Recording) -> set[bytes]:
+    """Return the distinct rows of commands, as whole numbers, in which the four commands are not all equal."""
+    commands = [motor.value for motor in _commands_of(log)]
+    if len(set(map(len, commands))) > 1:
+        return set()
+    rows = np.rint(np.column_stack(commands))
+    rows = rows[np.isfinite(rows).all(axis=1) & (np.ptp(rows, axis=1) > 0)]
+    return {row.tobytes() for row in rows.astype(np.int64)}
+
+
+def _sensor(log: Recording, kinds: Sequence[_Sensor], topic: str, what: str, unit: str) -> tuple[Timed, float | None]:
+    """Return a sensor's values (n, 3) along the vehicle's axes, and the cut-off of its filter in Hz, None if unknown.
+
+    The series of the commands comes first: others may be of another flight.
+    """
+    commanded = log.holding(command_names(log)[0])
+    others = [series for series in log.series.values() if series is not commanded]
+    for names, signs, low_pass_hz in kinds:
+        for series in (commanded, *others):
+            if set(names) <= set(series.names) and (names is not _OF_PX4 or series.name == topic):
+                values = np.column_stack(
+                    [sign * series.si(name, unit) for name, sign in zip(names, signs, strict=True)]
+                )
+                known = np.isfinite(values).all(axis=1)
+                if np.count_nonzero(known) > 1:
+                    return Timed(times_in(log, series)[known], values[known]), low_pass_hz
+    raise DataError(f"{log.path}: no {what} along three axes (as {', '.join(kinds[0][0])}).")
+
+
+def _possible(signal: Timed, limits: Limits, what: str, findings: list[Finding]) -> Timed:
+    """Return values (n,) or (n, 3) without a few impossible rows, which are then in `findings`."""
+    outside = limits.outside(signal.value)
+    rows, known = (np.atleast_2d(mask.T) for mask in (outside, np.isfinite(signal.value)))
+    wrong, count = rows.any(axis=0), int(np.count_nonzero(rows.any(axis=0)))
+    if not limits.few(count, int(np.count_nonzero(known.all(axis=0)))):
+        return signal
+    findings.append(limits.left_out(what, count, float(signal.value[outside][0])))
+    return Timed(signal.time_s[~wrong], signal.value[~wrong])
+
+
+def _motion(log: Recording, at_s: Array) -> tuple[Array | None, Array | None]:
+    """Return velocity (m, 3) along the vehicle's axes and attitude (m, 4) of motion capture, None where there is none.
+
+    The attitude is the quaternion that turns the vehicle's axes to the world's.
+    """
+    for series in log.series.values():
+        if {*_VELOCITY, *_QUATERNION} <= set(series.names):
+            time_s = times_in(log, series)
+            velocity = np.column_stack([np.interp(at_s, time_s, si_values(series.column(name))) for name in _VELOCITY])
+            attitude = np.column_stack([series.column(name).values for name in _QUATERNION])
+            flips = np.cumprod(np.where(np.sum(attitude[1:] * attitude[:-1], axis=1) < 0, -1.0, 1.0))
+            attitude[1:] *= flips[:, np.newaxis]
+            attitude = np.column_stack([np.interp(at_s, time_s, column) for column in attitude.T])
+            attitude /= np.linalg.norm(attitude, axis=1)[:, np.newaxis]
+            return turned_back(attitude, velocity), attitude
+    return None, None
+
+
+def _first_rows(sensor: Timed) -> tuple[Timed, Readings]:
+    """Return those rows of a sensor that have a new reading, and the counts of rows and readings."""
+    new, readings = once_each(*sensor)
+    return Timed(sensor.time_s[new], sensor.value[new]), readings
+
+
+def _repeated_findings(readings: Mapping[str, Readings]) -> list[Finding]:
+    """Return a note on each sensor whose readings are repeated."""
+    keys = {GYRO: "flight.delay_s", ACCELEROMETER: "flight.single_lag_s"}
+    return [
+        note(
+            "flight-readings-repeated",
+            f"the {sensor} has {each.read} readings in {each.rows} rows: the first row of each counts, and may show it "
+            f"up to {1e3 * each.age_s:.3g} ms late, for which the standard uncertainty of {keys[sensor]} contains "
+            f"{1e3 * each.age_s / math.sqrt(3):.2g} ms.",
+            keys[sensor],
+        )
+        for sensor, each in readings.items()
+        if each.age_s
+    ]
+
+
+def _commands_apart_s(motor: Timed, readings: Mapping[str, Readings]) -> float:
+    """Return the usual time between commands.
+
+    Where both the readings of a sensor and the commands are repeated, rows of the log were filled in, and the commands
+    in between were not logged. If every row has a new reading of each sensor, it was the autopilot that held the
+    commands.
+    """
+    time_s = motor.time_s
+    if any(each.age_s for each in readings.values()):
+        time_s = time_s[once_each(*motor)[0]]
+    return _apart_s(time_s)
+
+
+def _held_s(commands: Sequence[Timed], readings: Mapping[str, Readings]) -> float:
+    """Return the time for which motors' commands are repeated while each row has a new reading, 0 if they are not.
+
+    The log does not show whether the autopilot holds the commands or only the log does.
+    """
+    if any(each.age_s for each in readings.values()):
+        return 0.0
+    time_s = commands[0].time_s
+    same_series = [motor.value for motor in commands if len(motor.time_s) == len(time_s)]
+    _, counts = once_each(time_s, np.column_stack(same_series))
+    held_s = counts.age_s * counts.rows / max(counts.read, 1)
+    return held_s if held_s > _HELD_S else 0.0
+
+
+def _held_findings(held_s: float) -> list[Finding]:
+    if not held_s:
+        return []
+    text = (
+        f"commands are repeated for {1e3 * held_s:.2g} ms, while sensors go on. If the log alone holds them, and the "
+        f"autopilot changes them more often, delays come out up to {1e3 * held_s / 2:.2g} ms short, and lags some per "
+        f"cent long: the standard uncertainty of flight.delay_s contains {1e3 * held_s / 2 / math.sqrt(3):.2g} ms for "
+        "that. Log every command."
+    )
+    return [warning("flight-commands-held", text, "flight.delay_s", "flight.rising_s", "flight.falling_s")]
+
+
+def _held(motor: Timed, at_s: Array) -> Array:
+    """Return the mean command (n,) over each step; a logged command (k,) holds until the log's next row."""
+    time_s, command = motor
+    total = np.concatenate([[0.0], np.cumsum(command[:-1] * np.diff(time_s))])
+    edges = np.append(at_s, at_s[-1] + STEP_S)
+    place = np.clip(np.searchsorted(time_s, edges, side="right") - 1, 0, len(time_s) - 1)
+    gone = total[place] + command[place] * (edges - time_s[place])
+    return np.asarray(np.diff(gone) / STEP_S)
+
+
+def _check_units(path: Path, force: Array, rates: Array) -> None:
+    """Raise DataError where, under running motors, specific forces (n, 3) or rates (k, 3) are no flight's."""
+    if len(force):
+        size = float(np.median(force[:, 2])) / USUAL_GRAVITY_MPS2
+        if not _WEIGHT[0] < size < _WEIGHT[1]:
+            raise DataError(
+                f"{path}: the acceleration along z is {size:.2g} g while the motors run, where a flight has about 1: "
+                "state its unit in the header of a table, as in acc.z [m/s^2], and turn the axes to x forward, y left, "
+                "z up.",
+                code="other-acceleration",
+            )
+    if np.mean(RATES.outside(rates).any(axis=1)) > _WILD_SHARE:
         raise DataError(
-            f"{path}: the acceleration along z is {np.median(force[:, 2]):.2g} m/s^2 while motors run, and a flight "
-            "has +9.8: z points down in this log. Turn the axes to x forward, y left, z up."
+            f"{path}: the gyro turns by up to {math.degrees(float(np.abs(rates).max())):.0f} deg/s while the motors "
+            "run, and gyros end at 2000: state its unit in the header of a table, as in gyro.x [deg/s].",
+            code="other-rate",
         )
+
+
+def _in_gaps(timed_s: Sequence[Array], row_s: Array, findings: list[Finding]) -> Mask:
+    """Return the rows (m,) in long gaps of any channel, which are then in `findings`."""
+    unseen = np.zeros(len(row_s), bool)
+    for time_s in timed_s:
+        for place in np.flatnonzero(np.diff(time_s) > _SLOWEST_S):
+            unseen |= (row_s > time_s[place] - ROW_S) & (row_s < time_s[place + 1] + ROW_S)
+    if unseen.any():
+        text = (
+            f"{ROW_S * np.count_nonzero(unseen):.3g} s in gaps without rows, or with rows that have no command or "
+            f"reading (above {1e3 * _SLOWEST_S:.0f} ms), and what follows, are left out."
+        )
+        findings.append(warning("recording", text))
+    return unseen
+
+
+def _flown(
+    command: Array, force: Array, rate: Array, unseen: Mask, findings: list[Finding], *, begin_s: float
+) -> tuple[Mask, Mask]:
+    """Return the rows (m,) in the air, and those among them at which all motors have been within their range.
+
+    `begin_s` is the time of the first row in the log.
+    """
+    of_rows = command[::ROW_STEPS]
+    airborne, touches = without_touches(
+        in_air(of_rows, force, rate) & ~unseen,
+        ~late(unseen, _SETTLING_S),
+        command,
+        force[:, 2],
+        begin_s=begin_s,
+    )
+    findings += touches
+    within = ~unseen & ((of_rows > DEAD_COMMAND) & (of_rows < FULL_COMMAND)).all(axis=1)
+    return airborne, airborne & ~late(np.asarray(~within), _SETTLING_S)
+
+
+def _beyond(rates: Timed, row_s: Array, driven: Mask, findings: list[Finding]) -> Mask | None:
+    """Return rows (m,) at which a gyro was at an end of its range, None if it never was; they are in `findings`.
+
+    Where less than 5 s of the rows that are `driven` (m,) would remain, the quantities that depend on rates are
+    rejected.
+    """
+    ends = np.column_stack([at_end_of_range(rate, rate) | at_end_of_range(rate, -rate) for rate in rates.value.T])
+    at_s = rates.time_s[ends.any(axis=1)]
+    if not len(at_s):
+        return None
+    beyond = np.searchsorted(at_s, row_s + _AT_END_S) > np.searchsorted(at_s, row_s - _AT_END_S)
+    reached = ", ".join(
+        f"{np.degrees(np.abs(rate).max()):.0f} deg/s about {axis}"
+        for axis, rate, end in zip(AXES, rates.value.T, ends.T, strict=True)
+        if end.any()
+    )
+    rows = sum(each.stop - each.start for each in segments(driven & ~beyond))
+    text = (
+        f"the gyro reached {reached}, the end of its range: {ROW_S * np.count_nonzero(beyond):.3g} s are left out of "
+        f"what rests on rates, and {ROW_S * rows:.1f} s are left (at least {ROW_S * _FEWEST:g} s). Set a larger range, "
+        "or turn slower."
+    )
+    if rows < _FEWEST:
+        findings.append(rejection("flight-gyro-clipped", text, "flight.inertia_kg_m2.*", "flight.*_s"))
+    else:
+        findings.append(warning("flight-gyro-clipped", text, "flight.inertia_kg_m2.*"))
+    return beyond
+
+
+def _voltmeter(log: Recording, begin_s: float, findings: list[Finding]) -> Timed | None:
+    """Return the battery's voltage (n,) at times since `begin_s`, None where it is not known.
+
+    Single values that no battery has, or that are far from the others, are left out, and are then in `findings`.
+    """
+    name = first_of(log, _VOLTS)
+    if name is None:
+        return None
+    time_s, volts = channel(log, name)
+    there, wrong = np.isfinite(volts), supply.impossible(volts)
+    if np.count_nonzero(wrong) >= _WRONG_SHARE * np.count_nonzero(there):
+        low, high = supply.RANGE_V
+        values = f"{float(np.median(volts[wrong])):.4g} V" if there.any() else "no number"
+        text = (
+            f"'{name}' is {values}, where a battery has {low:g} to {high:g} V: no voltage is used. State its unit in "
+            "the header of a table, as in pm.vbat [mV]."
+        )
+        findings.append(warning("recording", text))
+        return None
+    if wrong.any():
+        values, usual = counted(int(np.count_nonzero(wrong)), "value"), float(np.median(volts[there & ~wrong]))
+        text = (
+            f"{values} of '{name}', the first {float(volts[np.argmax(wrong)]):.4g} V, where the others are about "
+            f"{usual:.3g} V: left out."
+        )
+        findings.append(warning("recording", text))
+    known = there & ~wrong
+    return Timed(time_s[known] - begin_s, volts[known])
+
+
+def _in_volts(flight: Flight, voltmeter: Timed) -> Flight:
+    """Return a flight whose drives are commands times the battery's volts (k,), at times since its first drive."""
+    at_s = STEP_S * (np.arange(len(flight.drive)) + 0.5)  # the middle of the step over which each command is averaged
+    volts = np.interp(at_s, *voltmeter)
+    return replace(flight, drive=flight.drive * volts[:, np.newaxis], in_volts=True, volts=volts)

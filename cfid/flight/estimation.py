@@ -1,9 +1,10 @@
 """Fit thrust, lag, delays and moments together: least squares of the errors in predicting each sensor's next row.
 
 The fit is valid if these errors are uncorrelated with the effects of the commands. No equation has a dependent variable
-on the side of its regressors.
+on the side of its regressors. From coarse lags on, noise and parameters are updated alternately until both converge.
 """
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -11,36 +12,74 @@ from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize import OptimizeResult, least_squares
 
 from cfid.errors import FitError
-from cfid.estimate.linear import gain_of, std_of
+from cfid.estimate.linear import gain_of, sandwich, std_of
 from cfid.estimate.signals import block_means
-from cfid.flight.crossing import crossing_of
-from cfid.flight.equations import DELAYS, LAGS, THRUST, TURNS, Equations, fitted_in
-from cfid.flight.likelihood import without
-from cfid.flight.model import DAMPING, FlightEquation, ThrustLag, equations_of
+from cfid.flight.model import (
+    DAMPING,
+    DELAY_S,
+    DELAYS,
+    LAGS,
+    PAST,
+    THRUST,
+    TURNS,
+    Equations,
+    FlightEquation,
+    ThrustLag,
+    White,
+    equations_of,
+    fitted_in,
+    whitening,
+    without,
+)
 from cfid.flight.rows import AXES, ROW_S, Flight, segments
-from cfid.flight.search import first_parameters, settled, with_constant
-from cfid.flight.uncertainty import covariance_of, excess_of_older_torques
 
 Array = npt.NDArray[np.float64]
+Fitted = Sequence[tuple[FlightEquation, Array]]  # equations, each with the rotors' contribution
 
+EXPLAINED = 0.6  # of the vertical force, as `fit dynamics` requires of a thrust; the same of a rate's changes
+CLIMB = "climb and drop quickly, once or twice a second, for 20 s"
 _FEWEST = 500  # rows: 5 s
 _LEVEL = 100  # rows: 1 s, whose mean forces are assumed to be independent
-EXPLAINED = 0.6  # of the vertical force, as `fit dynamics` requires of a thrust; the same of a rate's changes
 _SMOOTH = 10  # rows over which noise is averaged before judging how much is explained
+_PART = 500  # rows: 5 s, after which a flight's manoeuvres are different ones
+_OLDER = 2  # rows, so that the difference of errors and the instrument have no row in common
+
+_QUICKEST_S, _SLOWEST_S = 5e-3, 1.0  # limits of a lag
+_EARLIEST_S, _LATEST_S = -0.02, 0.05  # limits of a delay
+_STARTS_S = (0.02, 0.04, 0.07, 0.12)
+# Delays of an accelerometer with a filter of 10 Hz, and the least gain in fit for them; usual accelerometers have 0.9
+# to 1.1.
+_LATE_S, _CLEARLY = (0.02, 0.035), 1.4
+_MOST_ROUNDS = 100  # in which noise and parameters are estimated alternately
+_WHOLE_ROUNDS = 3  # at first, because single steps from far away can end elsewhere
+_STEPS = 5  # evaluations in a round
+_SETTLED = 0.05  # standard uncertainties: the largest change of a parameter in the last round
+
 _GRID_S = ROW_S / 24  # the error of lags: in calm air they are 0.3 to 0.4 ms too long, with steps of 2 and 3.3 ms
 # The error of the gyro's delay: in calm air it is 0.02 to 0.07 ms too short, the more so the less noise there is.
 _GYRO_DELAY_STD_S = 4e-5
+# Of thrust's slope, on which all moments depend: in calm air they have a common error of 0.6 to 0.75 %.
+_SLOPE_STD = 0.005
+# Of the weight: the zero error of an accelerometer; a BMI088's data sheet states a zero-g offset of 20 mg.
+_ZERO_STD = 0.02
 # Of the delays: the expected share of the command alone, and its standard uncertainty.
 _OF_COMMAND, _OF_COMMAND_STD = 0.5, 0.5
 # Of the accelerometer's delay relative to the gyro: a filter is expected to cause it, with this uncertainty.
 _UNFILTERED_STD = 0.5
 _TRIED = 0.5  # of such a share: the change over which its slope is taken
-# Of the weight: the zero error of an accelerometer; a BMI088's data sheet states a zero-g offset of 20 mg.
-_ZERO_STD = 0.02
-# Of thrust's slope, on which all moments depend: in calm air they have a common error of 0.6 to 0.75 %.
-_SLOPE_STD = 0.005
+
+_CROSSED = 0.2  # of the largest gain: public logs have 0.04 at most, axes rotated by 12 degrees have 0.2
+_SIGNIFICANT = 4.0  # standard uncertainties
+# The least gain of the other axis's torque relative to that of the axis's own torque after a quarter turn; after an
+# eighth of a turn, both are equal.
+_MOSTLY = 2.0
+CROSSED = (
+    "commanded torques turn the vehicle about other axes than their own: the axes are not x forward, y left, z up, or "
+    "motors have other numbers than front right, rear right, rear left, front left."
+)
 
 
 class CrossedError(FitError):
@@ -69,7 +108,7 @@ class FlightFit:
     excitation: dict[str, float]
     feedback: Array
     rows: int
-    blocks: tuple[tuple[FlightEquation, Array], ...]
+    blocks: Fitted
 
     @property
     def lag(self) -> ThrustLag:
@@ -91,7 +130,7 @@ def fit_flights(flights: Sequence[Flight]) -> FlightFit:
     """Fit one vehicle to its flights.
 
     The last fit is cached: another mass or arm changes the parameters of the same flights but not the fit, and the
-    battery's missing sag and the findings on one flight use the same fit.
+    check of the battery's voltage and the findings on one flight use the same fit.
 
     Raises FitError for less than 5 s in which all rotors were driven, and CrossedError where torques turn the vehicle
     about other axes than their own.
@@ -110,23 +149,16 @@ def _fitted(flights: tuple[Flight, ...]) -> FlightFit:
         )
     equations = Equations([equations_of(flight) for flight in flown])
     begin = first_parameters(equations)
-    _refuse_other_numbers(equations, begin)
+    _refuse_quarter_turn(equations, begin)
     equations, result = settled(equations, begin)
     jacobian, residual = np.asarray(result.jac), np.asarray(result.fun)
     equations, step, slopes, left = _with_shares(equations, with_constant(result.x), jacobian, residual)
     found, residual = with_constant(result.x + step), left[: len(residual)]
     covariance = covariance_of(slopes, left, [one.basis for one in equations.white])[: len(step), : len(step)]
-    covariance += _of_volts(flown, equations, found, slopes)[: len(step), : len(step)]
     covariance = np.apply_along_axis(with_constant, 1, np.apply_along_axis(with_constant, 0, covariance))
     excess = excess_of_older_torques(jacobian, residual, equations.white)
     found = _undamped(found, equations)
-    covariance[LAGS, LAGS] += _GRID_S**2
-    covariance[DELAYS.stop - 1, DELAYS.stop - 1] += _GYRO_DELAY_STD_S**2
-    covariance[DELAYS, DELAYS] += np.diag(np.max([flight.ages_s for flight in flown], axis=0) ** 2 / 3)
-    # Half of that time, common to both sensors.
-    covariance[DELAYS, DELAYS] += max(flight.held_s for flight in flown) ** 2 / 12
-    covariance[TURNS, TURNS] += np.diag((excess / math.sqrt(3)) ** 2)
-    covariance[TURNS, TURNS] += _SLOPE_STD**2 * np.outer(found[TURNS], found[TURNS])
+    covariance += _known_errors(flown, found, excess)
     found, covariance = _levelled(found, covariance, [one for one in equations.at(found) if one.axis is None])
     fitted = tuple((block, fitted_in(block, found)) for block in equations.at(found))
     drives = np.concatenate([flight.row_drives[flight.driven] for flight in flown])
@@ -144,6 +176,23 @@ def _fitted(flights: tuple[Flight, ...]) -> FlightFit:
     )
 
 
+def _known_errors(flown: Sequence[Flight], p: Array, excess: Array) -> Array:
+    """Return the covariance (10, 10) of errors of parameters (10,) that all rows have in common.
+
+    They are those of the grid of rows, of readings and commands that are older than their rows, of thrust's slope, and
+    the `excess` (3,) of older torques.
+    """
+    covariance = np.zeros((len(p), len(p)))
+    covariance[LAGS, LAGS] += _GRID_S**2
+    covariance[DELAYS.stop - 1, DELAYS.stop - 1] += _GYRO_DELAY_STD_S**2
+    covariance[DELAYS, DELAYS] += np.diag(np.max([flight.ages_s for flight in flown], axis=0) ** 2 / 3)
+    # Half of the time for which commands are held, common to both sensors.
+    covariance[DELAYS, DELAYS] += max(flight.held_s for flight in flown) ** 2 / 12
+    covariance[TURNS, TURNS] += np.diag((excess / math.sqrt(3)) ** 2)
+    covariance[TURNS, TURNS] += _SLOPE_STD**2 * np.outer(p[TURNS], p[TURNS])
+    return covariance
+
+
 def fit_alone(flight: Flight) -> FlightFit | None:
     """Return a fit to one flight alone, None if it fails. Raises CrossedError for motors in another order."""
     try:
@@ -154,24 +203,163 @@ def fit_alone(flight: Flight) -> FlightFit | None:
         return None
 
 
-def roughly_fitted(flights: Sequence[Flight]) -> tuple[tuple[FlightEquation, Array], ...]:
+def roughly_fitted(flights: Sequence[Flight]) -> Fitted:
     """Return equations with the rotors' contributions at the first parameters, of coarse lags: fast, but not exact."""
     equations = Equations([equations_of(flight) for flight in flights])
     p = first_parameters(equations)
     return tuple((block, fitted_in(block, p)) for block in equations.at(p))
 
 
-def _refuse_other_numbers(equations: Equations, p: Array) -> None:
+def refuse_still(flights: Sequence[Flight]) -> None:
+    """Raise FitError where in no flight rotors explain half of the part required of a thrust, at coarse lags.
+
+    A fit to such flights takes many rounds or never converges, and all its results depend on the thrust.
+    """
+    least = EXPLAINED / 2  # half, because lags are tried by factors of two
+    flown = [flight for flight in flights if segments(flight.driven)]
+    most = max((explained_of(roughly_fitted([flight]), None) for flight in flown), default=least)
+    if most < least:
+        raise FitError(
+            f"thrust is not excited: rotors explain {100 * most:.0f} % of the vertical force (at least "
+            f"{100 * EXPLAINED:.0f} %), whatever their lag: {CLIMB}. Moments need the thrust."
+        )
+
+
+def explained_of(fitted: Fitted, axis: int | None) -> float:
+    """Return the part of the variance of means over 0.1 s that rotors explain: of the vertical force, or of a rate.
+
+    For a rate, the variance is that which the other terms leave unexplained: about yaw, the torque that accelerates the
+    rotors may turn a vehicle as much.
+    """
+
+    def rest(block: FlightEquation, values: Array) -> Array:
+        return block_means(values if axis is None else without(values, block.others), length=_SMOOTH)
+
+    of_axis = [(block, thrusts) for block, thrusts in fitted if block.axis == axis]
+    left = np.concatenate([rest(block, block.shown - thrusts) for block, thrusts in of_axis])
+    whole = np.concatenate([rest(block, block.shown) for block, _ in of_axis])
+    return float(1 - np.var(left) / max(float(np.var(whole)), 1e-300))
+
+
+def crossing_of(fitted: Fitted, p: Array) -> tuple[Array, Array]:
+    """Return the gains (3, 3) from torques about roll, pitch and yaw (columns) to rates (rows), and their std.
+
+    They are in the units of `FlightFit.values[TURNS]`, with the lags and delays of parameters (10,).
+    """
+    gains, stds = np.zeros((len(AXES), len(AXES))), np.full((len(AXES), len(AXES)), np.inf)
+    turning = [[block for block, _ in fitted if block.axis == axis] for axis in range(len(AXES))]
+    torques = [[block.terms @ p[THRUST] for block in of_axis] for of_axis in turning]
+    for axis, of_axis in enumerate(turning):
+        rows, shown = [], []
+        for place, block in enumerate(of_axis):
+            left = without(block.shown - p[TURNS][axis] * torques[axis][place], block.others)
+            white = whitening(block, left, fed_back=True)
+            rows.append(white.of(np.column_stack([each[place] for each in torques])))
+            shown.append(white.of(block.shown[:, np.newaxis])[:, 0])
+        of_all, data = np.concatenate(rows), np.concatenate(shown)
+        gains[axis] = gain_of(of_all) @ data
+        longest = max(len(data) // (8 * len(of_axis)), 10)
+        stds[axis] = std_of(sandwich(of_all, data - of_all @ gains[axis], longest=longest))
+    return gains, stds
+
+
+def is_crossed(gains: Array, stds: Array) -> bool:
+    """Return whether torques turn the vehicle about other axes than their own: yaw about another, or roll and pitch."""
+    roll, pitch, yaw = range(len(AXES))
+    largest = float(np.max(np.abs(gains[:yaw, :yaw])))
+    foreign = (np.abs(gains) > _CROSSED * largest) & (np.abs(gains) > _SIGNIFICANT * stds)
+    return bool(foreign[:yaw, yaw].any() or (foreign[roll, pitch] and foreign[pitch, roll]))
+
+
+def _refuse_quarter_turn(equations: Equations, p: Array) -> None:
     """Raise CrossedError where roll torque turns the vehicle about pitch and vice versa: no fit would converge.
 
     The first parameters (10,), with coarse lags, suffice to show this.
     """
-    blocks = equations.at(p)
-    if explained_of([(block, fitted_in(block, p)) for block in blocks], None) < EXPLAINED:
+    fitted = [(block, fitted_in(block, p)) for block in equations.at(p)]
+    if explained_of(fitted, None) < EXPLAINED:
         return
-    crossing = crossing_of(blocks, p)
-    if crossing.a_quarter:
-        raise CrossedError(f"commanded torques turn the vehicle about other axes than their own: {crossing.fault()}.")
+    gains, stds = crossing_of(fitted, p)
+    own, other = np.abs(np.diag(gains)[:2]), np.abs([gains[1, 0], gains[0, 1]])
+    if np.all(other > _MOSTLY * own) and gains[0, 1] * gains[1, 0] < 0 and is_crossed(gains, stds):
+        raise CrossedError(CROSSED)
+
+
+def first_parameters(equations: Equations) -> Array:
+    """Return the best parameters (10,) of a coarse grid of lags, with the same lag for rising and falling drives.
+
+    A much larger delay of the accelerometer than usual is chosen only if it clearly leaves less of the force
+    unexplained: otherwise, lag and delay have nearly the same effect.
+    """
+    best, found = np.inf, np.zeros(TURNS.stop)
+    for tau_s, of_force_s in itertools.product(_STARTS_S, (DELAY_S, *_LATE_S)):
+        p = _start(tau_s, of_force_s, DELAY_S)
+        blocks = equations.at(p)
+        vertical = [block for block in blocks if block.axis is None]
+        rows, shown = (np.concatenate(each) for each in zip(*((b.terms, b.shown) for b in vertical), strict=True))
+        p[THRUST] = gain_of(rows) @ shown
+        cost = float(np.sum((shown - rows @ p[THRUST]) ** 2)) * (1.0 if of_force_s == DELAY_S else _CLEARLY)
+        for axis in range(len(AXES)):
+            turning = [block for block in blocks if block.axis == axis]
+            torque = np.concatenate([without(block.terms @ p[THRUST], block.others) for block in turning])
+            spun = np.concatenate([without(block.shown, block.others) for block in turning])
+            p[TURNS.start + axis] = float(torque @ spun) / max(float(torque @ torque), 1e-300)
+        if cost < best:
+            best, found = cost, p
+    return found
+
+
+def settled(equations: Equations, found: Array) -> tuple[Equations, OptimizeResult]:
+    """Return the equations whitened by the noise that they leave, and their solution: each is found from the other.
+
+    In calm air and with an instrument that is mostly noise, a round moves some parameters by many standard
+    uncertainties at first. Away from the solution, past errors contain the effects of the rotors and absorb most of a
+    parameter's change, so that a step goes too far: full steps can alternate forever between two states on either side
+    of the solution. Where a step reverses the last one, the likeliest share of it is taken. Raises FitError where the
+    parameters do not converge.
+    """
+    last = np.zeros(TURNS.stop - 1)
+    for place in range(_MOST_ROUNDS):
+        equations = equations.whitened(found)
+        begin = _without_constant(found)
+        result = _improved(equations, begin, _without_constant(_scales(found)), whole=place < _WHOLE_ROUNDS)
+        step, std = np.asarray(result.x) - begin, np.linalg.norm(gain_of(np.asarray(result.jac)), axis=1)
+        if np.all(np.abs(step) <= _SETTLED * std):
+            return equations, result
+        moved = step / np.maximum(std, 1e-300)
+        turned_back = float(moved @ last) < 0
+        share = equations.likeliest(found, with_constant(step)) if turned_back else 1.0
+        found, last = with_constant(begin + share * step), share * moved
+    raise FitError(
+        f"noise and parameters, found in turn, do not come to rest in {_MOST_ROUNDS} rounds: the flight's noise "
+        "changes, or it does not tell lag, delays and moments apart. Fit a part of it (`from_s`, `to_s`), or fly "
+        "quicker manoeuvres."
+    )
+
+
+def _improved(equations: Equations, begin: Array, scales: Array, *, whole: bool) -> OptimizeResult:
+    """Return better parameters (9,) than `begin` (9,): the least-squares solution for a `whole` round, else one step.
+
+    The whitening changes after each round, so near the solution more than one step per round is of no use. A step that
+    does not reduce the errors is shortened.
+    """
+    for most in (_STEPS,) if whole else (2, _STEPS):  # evaluations, one of them at the start
+        result = least_squares(
+            lambda free: equations.residual(with_constant(free)),
+            begin,
+            lambda free: _without_constant(equations.jacobian(with_constant(free))),
+            bounds=(
+                [_QUICKEST_S, _QUICKEST_S, _EARLIEST_S, _EARLIEST_S, *[-np.inf] * 5],
+                [_SLOWEST_S, _SLOWEST_S, _LATEST_S, _LATEST_S, *[np.inf] * 5],
+            ),
+            x_scale=scales,
+            xtol=1e-5,
+            ftol=1e-7,
+            max_nfev=most,
+        )
+        if result.status != 0 or np.any(result.x != begin):
+            break
+    return result
 
 
 def _with_shares(
@@ -199,12 +387,44 @@ def _with_shares(
     return replace(equations, of_command=of_command, unfiltered=unfiltered), step[:count], rows, left
 
 
-def _of_volts(flown: Sequence[Flight], equations: Equations, p: Array, slopes: Array) -> Array:
-    """Return the covariance (11, 11) that the voltage's uncertainty causes at parameters (10,), from slopes."""
-    other = replace(equations, each=[equations_of(one.with_other_volts) for one in flown])
-    change = np.pad(other.residual(p) - equations.residual(p), (0, 2))
-    effect = gain_of(slopes) @ change
-    return np.outer(effect, effect)
+def excess_of_older_torques(jacobian: Array, residual: Array, white: Sequence[White]) -> Array:
+    """Return the change of the last three parameters with torques of two rows before as instruments, less noise.
+
+    The two estimates differ if an autopilot responds to the gyro's noise within a row, or if rotors are not a
+    first-order lag. Two standard uncertainties of the difference are subtracted, so that noise alone changes nothing.
+    """
+    turns = jacobian[:, -len(AXES) :]
+    older = np.zeros_like(turns)
+    begin = 0
+    for one in white:
+        for length in one.lengths:
+            end = begin + length - PAST
+            older[begin + _OLDER : end] = turns[begin : end - _OLDER]
+            begin = end
+    excess = np.zeros(len(AXES))
+    for axis, (now, before) in enumerate(zip(turns.T, older.T, strict=True)):
+        if abs(float(before @ now)) > 0:
+            influence = (before / float(before @ now) - now / float(now @ now)) * residual
+            excess[axis] = max(abs(float(np.sum(influence))) - 2 * math.sqrt(float(influence @ influence)), 0.0)
+    return excess
+
+
+def covariance_of(jacobian: Array, residual: Array, taken: Sequence[Array]) -> Array:
+    """Return the covariance (p, p) of a fit to blocks of rows, from each of which other terms (k, q) were removed.
+
+    An imperfect model has a different error in each manoeuvre: where parts of 5 s scatter by more than noise explains,
+    the covariance is increased.
+    """
+    lengths = [len(one) for one in taken]
+    freedom = 1 - sum(one.shape[1] for one in taken) / len(residual)
+    covariance = sandwich(jacobian, residual, longest=max(len(residual) // (8 * len(lengths)), 10)) / freedom
+    influence = gain_of(jacobian).T * residual[:, np.newaxis]
+    ends = [end for one in lengths for end in [*range(0, one - _PART // 2, _PART)]]
+    starts = np.repeat(np.cumsum([0, *lengths[:-1]]), [len(range(0, one - _PART // 2, _PART)) for one in lengths])
+    sums = np.add.reduceat(influence, starts + np.array(ends, dtype=int), axis=0)
+    scatter = np.sum(sums**2, axis=0)
+    wider = np.sqrt(np.maximum(scatter / np.maximum(np.diag(covariance), 1e-300), 1.0))
+    return np.asarray(covariance * np.outer(wider, wider))
 
 
 def _undamped(p: Array, equations: Equations) -> Array:
@@ -249,25 +469,30 @@ def _levelled(p: Array, covariance: Array, vertical: Sequence[FlightEquation]) -
     return found, spread
 
 
-def explained_of(fitted: Sequence[tuple[FlightEquation, Array]], axis: int | None) -> float:
-    """Return the part of the variance of means over 0.1 s that rotors explain: of the vertical force, or of a rate.
-
-    For a rate, the variance is that which the other terms leave unexplained: about yaw, the torque that accelerates the
-    rotors may turn a vehicle as much.
-    """
-
-    def rest(block: FlightEquation, values: Array) -> Array:
-        return block_means(values if axis is None else without(values, block.others), length=_SMOOTH)
-
-    of_axis = [(block, thrusts) for block, thrusts in fitted if block.axis == axis]
-    left = np.concatenate([rest(block, block.shown - thrusts) for block, thrusts in of_axis])
-    whole = np.concatenate([rest(block, block.shown) for block, _ in of_axis])
-    return float(1 - np.var(left) / max(float(np.var(whole)), 1e-300))
-
-
-def _excitation(fitted: Sequence[tuple[FlightEquation, Array]]) -> dict[str, float]:
+def _excitation(fitted: Fitted) -> dict[str, float]:
     found: dict[str, list[Array]] = {}
     for block, thrusts in fitted:
         name = "vertical" if block.axis is None else AXES[block.axis]
         found.setdefault(name, []).append(without(thrusts, np.ones((len(thrusts), 1))))
     return {name: float(np.std(np.concatenate(each))) for name, each in found.items()}
+
+
+def _start(tau_s: float, of_force_s: float, of_rates_s: float) -> Array:
+    """Return parameters (10,) with this lag for rising and falling drives, these delays, and no thrust."""
+    return np.concatenate([[tau_s, tau_s, of_force_s, of_rates_s], np.zeros(6)])
+
+
+def _scales(p: Array) -> Array:
+    """Return the scales of the parameters (10,)."""
+    thrust = np.full(3, max(float(np.max(np.abs(p[THRUST]))), 1e-6))
+    return np.concatenate([p[LAGS], [DELAY_S, DELAY_S], thrust, np.maximum(np.abs(p[TURNS]), 1e-3)])
+
+
+def with_constant(free: npt.ArrayLike) -> Array:
+    """Return parameters (10,) with a zero constant of thrust: the mean force alone gives it, after the others."""
+    return np.insert(np.asarray(free, dtype=np.float64), THRUST.start, 0.0)
+
+
+def _without_constant(columns: Array) -> Array:
+    """Return parameters (10,), or slopes over them (n, 10), without the thrust's constant."""
+    return np.delete(columns, THRUST.start, axis=-1)

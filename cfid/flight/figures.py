@@ -22,7 +22,7 @@ _MEAN = 5  # rows of a drawn mean: 50 ms
 
 @styled
 def flight_figure(
-    found: FlightFit, drags: Mapping[str, AxisDrag | None], findings: Sequence[Finding], *, title: str
+    fit: FlightFit, drags: Mapping[str, AxisDrag | None], findings: Sequence[Finding], *, title: str
 ) -> Figure:
     """Return the four most dynamic seconds of each equation with the rotors' contribution, and drag where known."""
     known = {axis: one for axis, one in drags.items() if one is not None}
@@ -30,7 +30,7 @@ def flight_figure(
     rejections = [f"Rejected: {text}" for text in texts(findings, "rejection")]
     page, grid = figure(len(heights), 2, heights_in=heights, title=title, rejections=rejections)
     for place, axis in enumerate((None, 0, 1, 2)):
-        same = [each for each in found.blocks if each[0].axis == axis]
+        same = [each for each in fit.blocks if each[0].axis == axis]
         _draw(page.add_subplot(grid[place, :]), "abcd"[place], *max(same, key=lambda each: float(np.std(each[1]))))
     for place, (axis_name, one) in enumerate(known.items()):
         _draw_drag(page.add_subplot(grid[4, place]), f"({'ef'[place]}) {axis_name}", one)

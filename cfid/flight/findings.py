@@ -1,34 +1,48 @@
-"""Judge what a flight cannot determine, and what contradicts the stated axes, motors and times."""
+"""Judge what a flight cannot determine, and collect what contradicts the stated axes, motors and times.
+
+Rotors have to move a flight enough to show thrust and moments: else its autopilot only responds to the air.
+"""
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from cfid.findings import Finding, note, rejection, warning
-from cfid.flight.agreement import agreement_findings
 from cfid.flight.braking import AxisDrag
-from cfid.flight.channels import unit_of_rates
-from cfid.flight.crossing import crossing_of
+from cfid.flight.contradictions import (
+    agreement_findings,
+    arm_findings,
+    crossing_findings,
+    delay_findings,
+    square_findings,
+    turning_findings,
+    velocity_findings,
+    weight_findings,
+)
 from cfid.flight.data import FlownLog
-from cfid.flight.equations import DELAYS, THRUST, TURNS
-from cfid.flight.estimation import EXPLAINED, FlightFit
-from cfid.flight.excitation import CLEAR, CLIMB, LEAST_LIFT_MPS2, LEAST_TURN_RAD_PER_S2, LOOSE, lifted, turnings
-from cfid.flight.gyro_unit import OF_ARM, unlike_arm
-from cfid.flight.logged import spacing_findings, square_findings, weight_findings
-from cfid.flight.moving import moving_findings
-from cfid.flight.rows import ROW_S, Flight
-from cfid.flight.turning import turning_findings
+from cfid.flight.estimation import CLIMB, EXPLAINED, FlightFit, explained_of
+from cfid.flight.model import THRUST, TURNS
+from cfid.flight.rows import AXES, ROW_S
 from cfid.flight.values import DELAY, MOMENTS, SINGLE, TIMES, Body, lever_m, thrust_key, times_of
-from cfid.records.parameters import Parameter, plain
 
-_LEAST_SPEED_MPS = 0.3  # root mean square along an axis
-_EXPLAINED_DRAG = 0.8  # of the horizontal specific force: else wind or a tilted sensor decides
-# Limits of a sensor's delay: time stamps err by some ms, and the fit searches up to 50 ms.
-_FIRST_S, _LAST_S = -0.005, 0.045
+LOOSE = 0.1  # of a value: the largest accepted standard uncertainty
+LEAST_LIFT_MPS2 = 1.0  # root mean square of the rotors' vertical effect; see docs/decisions/0022
+LEAST_TURN_RAD_PER_S2 = 5.0  # root mean square; at 0.6 about yaw a public log gave 8e-5 kg m^2, others publish 3e-5
+# Of a value: the largest uncertainty, scaled to 20 s, that is accepted with less motion; flights that hover have 0.09
+# and more.
+CLEAR, _CLEAR_S = 0.06, 20.0
+# The part of the sensor's variance from which air matters little, however small the rotors' effect is. Simulated
+# flights with gentle tilts, 1 to 5 rad/s^2, have 0.99 for rates and 0.95 for the force, those that hover 0.8 at most.
+CALM = 0.9
+_COMMANDS_APART_S = 0.005  # farther apart, the autopilot's commands in between are unknown
+_SENSORS_APART_S = 0.012  # for quantities that depend on how fast a sensor responds
 _FED_BACK = 0.03  # of a moment: above it, a warning states how much older torques would change it
 # The least change of a rate by torques: with less, older torques show noise alone. A smoothed gyro has 1.4 to 2.2.
 _STILL_RAD_PER_S2 = 0.5
+_LEAST_SPEED_MPS = 0.3  # root mean square along an axis
+_EXPLAINED_DRAG = 0.8  # of the horizontal specific force: else wind or a tilted sensor decides
 _DRAG = "flight.drag_over_mass_per_s.*", "flight.drag_kg_per_s.*"
 _MANOEUVRES = {
     "roll": "tilt quickly to the right and left, several times a second, for 20 s",
@@ -37,60 +51,140 @@ _MANOEUVRES = {
 }
 
 
-def contradictions(flown: FlownLog, found: FlightFit | None, arms_m: Sequence[float] = ()) -> tuple[Finding, ...]:
+class Motion(NamedTuple):
+    """The rotors' effect along the vertical, in m/s^2, or about an axis, in rad/s^2, and its part of the whole motion.
+
+    `moved` is a root mean square, `explained` a part of the variance of means over 0.1 s, `open` the relative standard
+    uncertainty of a rotor's effect per drive, and `unclear` the same uncertainty scaled to 20 s of such flight.
+    """
+
+    name: str
+    moved: float
+    least: float
+    explained: float
+    open: float
+    unclear: float
+
+    @property
+    def is_large(self) -> bool:
+        """Whether rotors moved the vehicle more than an autopilot's responses to air do, or air and noise are small."""
+        calm = self.explained >= CALM or (self.explained >= EXPLAINED and self.unclear < CLEAR)
+        return self.moved >= self.least or calm
+
+    @property
+    def tells(self) -> bool:
+        """Whether the sensor shows the effect of a rotor's drive."""
+        return self.is_large and self.explained >= EXPLAINED and self.open < LOOSE
+
+
+def lifted(fit: FlightFit) -> bool:
+    """Return whether rotors moved the vehicle up and down enough to fit their thrust."""
+    return fit.excitation["vertical"] >= LEAST_LIFT_MPS2 and fit.explained >= EXPLAINED
+
+
+def climbing(fit: FlightFit) -> Motion:
+    """Return the rotors' effect along the vertical."""
+    return _motion(fit, "vertical", None, LEAST_LIFT_MPS2, fit.explained)
+
+
+def turnings(fit: FlightFit) -> list[Motion]:
+    """Return the rotors' effect about each axis."""
+    return [
+        _motion(fit, axis, place, LEAST_TURN_RAD_PER_S2, explained_of(fit.blocks, place))
+        for place, axis in enumerate(AXES)
+    ]
+
+
+def _motion(fit: FlightFit, name: str, place: int | None, least: float, explained: float) -> Motion:
+    """Return the effect of a drive: thrust's slope, times the gain about an axis."""
+    slope = np.array([0.0, 1.0, 2 * fit.drive])
+    lift, gain = float(slope @ fit.thrust), 1.0 if place is None else float(fit.values[TURNS][place])
+    is_open = math.inf
+    if lift != 0 and gain != 0:
+        shares = np.zeros(len(fit.values))
+        shares[THRUST] = slope / lift
+        if place is not None:
+            shares[TURNS.start + place] = 1 / gain
+        is_open = math.sqrt(float(shares @ fit.covariance @ shares))
+    unclear = is_open * math.sqrt(fit.rows * ROW_S / _CLEAR_S)
+    return Motion(name, fit.excitation[name], least, explained, is_open, unclear)
+
+
+def contradictions(flown: FlownLog, fit: FlightFit | None, arms_m: Sequence[float] = ()) -> tuple[Finding, ...]:
     """Return findings where a flight contradicts the stated axes, motors and times, or every one of some arms.
 
-    `found` is a fit to it, None where there is none. Where rotors did not move the vehicle, sensors show no delay.
+    `fit` is a fit to it, None where there is none. Rates about axes other than the torques' own show no delay.
     """
     unlike = turning_findings(flown.flight)
-    otherwise = (*unlike, *square_findings(flown), *([] if unlike else moving_findings(flown.flight)))
-    if found is None:
-        return otherwise
-    # Rates about axes other than the torques' own show no delay.
-    of_unit = [_other_unit(found, arm_m, unit_of_rates(flown.log)) for arm_m in arms_m]
-    of_torques = (
-        of_unit[0]
-        if of_unit and all(of_unit)
-        else _crossed(found) or _wrong_ways(found, props_out=flown.flight.props_out)
-    )
-    return (*otherwise, *([] if unlike else _delay_findings(found, ())), *of_torques)
+    of_log = (*unlike, *square_findings(flown), *([] if unlike else velocity_findings(flown.flight)))
+    if fit is None:
+        return of_log
+    of_torques = _torque_faults(fit, arms_m, props_out=flown.flight.props_out)
+    return (*of_log, *([] if unlike else delay_findings(fit, _moved(fit), ())), *of_torques)
 
 
 def findings_of(
-    flights: Sequence[FlownLog],
-    found: FlightFit,
-    drags: Mapping[str, AxisDrag | None],
-    quantities: Mapping[str, Parameter],
-    body: Body,
+    flights: Sequence[FlownLog], fit: FlightFit, drags: Mapping[str, AxisDrag | None], body: Body
 ) -> tuple[Finding, ...]:
     """Judge a fit to flights, by what these excited and by what contradicts every quadrocopter."""
-    unlike = [finding for one in flights for finding in turning_findings(one.flight)]
-    of_motion = [] if unlike else [finding for one in flights for finding in moving_findings(one.flight, *_DRAG)]
-    read = unit_of_rates(flights[0].log)
-    of_unit = [] if body.arm_m is None else _other_unit(found, body.arm_m, read)
-    of_torques = (
-        unlike
-        or _crossed(found)
-        or of_unit
-        or [*_moment_findings(found, body, flights[0]), *_unlike_arm(quantities, body)]
-    )
+    unlike = [finding for flown in flights for finding in turning_findings(flown.flight)]
+    of_motion = [] if unlike else [one for flown in flights for one in velocity_findings(flown.flight, *_DRAG)]
+    arms_m = [] if body.arm_m is None else [body.arm_m]
+    faults = unlike or _torque_faults(fit, arms_m, props_out=flights[0].flight.props_out)
+    everything = any(one.code in ("flight-gyro-unlike-attitude", "flight-axes-crossed") for one in faults)
     return (
         *(
             finding
-            for one in flights
-            for finding in (*spacing_findings(one), *square_findings(one), *weight_findings(one))
+            for flown in flights
+            for finding in (*spacing_findings(flown), *square_findings(flown), *weight_findings(flown))
         ),
-        *_supply_findings(found, body),
-        *_thrust_findings(found, [one.flight for one in flights]),
-        *of_torques,
+        *_supply_findings(flights, fit, body),
+        *_thrust_findings(flights, fit),
+        *faults,
+        *([] if everything else _moment_findings(fit, body, flights[0])),
         *of_motion,
         # With wrong axes, velocities explain little of the force, however much the vehicle moved.
         *([] if unlike or of_motion else _drag_findings(drags)),
     )
 
 
-def _supply_findings(found: FlightFit, body: Body) -> list[Finding]:
-    if found.in_volts or not body.load_sag_std:
+def _moved(fit: FlightFit) -> tuple[bool, bool]:
+    """Return whether rotors moved the vehicle enough to show a delay of the accelerometer and of the gyro."""
+    return lifted(fit), lifted(fit) or any(motion.tells for motion in turnings(fit))
+
+
+def _torque_faults(fit: FlightFit, arms_m: Sequence[float], *, props_out: bool) -> list[Finding]:
+    """Return what commanded torques contradict: other axes, an arm that no quadrocopter has, or their direction."""
+    if not lifted(fit):
+        return _wrong_ways(fit, props_out=props_out)
+    return crossing_findings(fit) or [*arm_findings(fit, arms_m), *_wrong_ways(fit, props_out=props_out)]
+
+
+def spacing_findings(flown: FlownLog) -> list[Finding]:
+    """Reject quantities for which rows are too far apart: autopilots send two to ten commands in between."""
+    moved, turned, pushed = flown.apart_s
+    findings = []
+    if moved > _COMMANDS_APART_S:
+        text = (
+            f"commands are {1e3 * moved:.0f} ms apart (limit {1e3 * _COMMANDS_APART_S:.0f} ms): those between are not "
+            "seen, and lags come out up to twice as long. Log them at 500 Hz for lags."
+        )
+        findings.append(rejection("flight-rows-apart", text, *TIMES))
+    if max(turned, pushed) > _SENSORS_APART_S:
+        text = (
+            f"readings of the gyro are {1e3 * turned:.0f} ms apart, those of the accelerometer {1e3 * pushed:.0f} ms "
+            f"(limit {1e3 * _SENSORS_APART_S:.0f} ms): lags come out several per cent long, and moments small where it "
+            "is the accelerometer. Log them every 10 ms at least."
+        )
+        lost = (*TIMES, *(MOMENTS.values() if pushed > _SENSORS_APART_S else ()))
+        findings.append(rejection("flight-rows-apart", text, *lost))
+    return [finding.at(flown.log.path.name) for finding in findings]
+
+
+def _supply_findings(flights: Sequence[FlownLog], fit: FlightFit, body: Body) -> list[Finding]:
+    """Warn of logs without a voltage, unless it is already stated that theirs is not used."""
+    stated = any(finding.code == "flight-voltage-unknown" for flown in flights for finding in flown.findings)
+    if fit.in_volts or stated or not body.load_sag_std:
         return []
     text = (
         "thrust is of commands, without the battery's voltage: a battery gives way under all rotors together, and "
@@ -100,178 +194,110 @@ def _supply_findings(found: FlightFit, body: Body) -> list[Finding]:
     return [warning("flight-voltage-unknown", text, *MOMENTS.values())]
 
 
-def _crossed(found: FlightFit) -> list[Finding]:
-    """Reject everything that depends on torques where these turn the vehicle about other axes than their own."""
-    fault = crossing_of([block for block, _ in found.blocks], found.values).fault() if lifted(found) else None
-    if fault is None:
-        return []
-    text = f"commanded torques turn the vehicle about other axes than their own: {fault}."
-    return [rejection("flight-axes-crossed", text, *TIMES, *MOMENTS.values())]
-
-
-def _thrust_findings(found: FlightFit, flights: Sequence[Flight]) -> list[Finding]:
-    concerned = (thrust_key(found), *TIMES, *MOMENTS.values())
-    lift = found.excitation["vertical"]
-    unlike = agreement_findings(flights, found, concerned)
-    if any(one.severity == "rejection" for one in unlike):
+def _thrust_findings(flights: Sequence[FlownLog], fit: FlightFit) -> list[Finding]:
+    concerned = (thrust_key(fit), *TIMES, *MOMENTS.values())
+    unlike = agreement_findings([flown.flight for flown in flights], fit, concerned)
+    if any(finding.severity == "rejection" for finding in unlike):
         return unlike
-    if not lifted(found):
+    if not lifted(fit):
         text = (
-            f"thrust is not excited: the rotors moved the vertical force by {lift:.2g} m/s^2 rms (at least "
-            f"{LEAST_LIFT_MPS2:g}) and explain {100 * max(found.explained, 0):.0f} % of it (at least "
+            f"thrust is not excited: the rotors moved the vertical force by {fit.excitation['vertical']:.2g} m/s^2 rms "
+            f"(at least {LEAST_LIFT_MPS2:g}) and explain {100 * max(fit.explained, 0):.0f} % of it (at least "
             f"{100 * EXPLAINED:.0f} %): {CLIMB}. Moments need the thrust."
         )
         return [rejection("flight-thrust-not-excited", text, *concerned)]
-    result = [*unlike, *_delay_findings(found, concerned), *_lag_findings(found)]
-    slope = np.array([0.0, 1.0, 2 * found.drive])
-    gain, std = float(slope @ found.thrust), math.sqrt(float(slope @ found.covariance[THRUST, THRUST] @ slope))
+    findings = [*unlike, *delay_findings(fit, _moved(fit), concerned), *_lag_findings(fit)]
+    slope = np.array([0.0, 1.0, 2 * fit.drive])
+    gain, std = float(slope @ fit.thrust), math.sqrt(float(slope @ fit.covariance[THRUST, THRUST] @ slope))
     if not (gain > 0 and std < LOOSE * gain):
         text = (
             f"the slope of thrust over the drive at hovering is {gain:.3g} +- {std:.2g} m/s^2 (limit "
             f"{100 * LOOSE:.0f} %): {CLIMB}. Moments need it."
         )
-        result.append(rejection("flight-thrust-not-excited", text, thrust_key(found), *MOMENTS.values()))
-    return result
+        findings.append(rejection("flight-thrust-not-excited", text, thrust_key(fit), *MOMENTS.values()))
+    return findings
 
 
-def _lag_findings(found: FlightFit) -> list[Finding]:
+def _lag_findings(fit: FlightFit) -> list[Finding]:
     """Reject each time constant that is too uncertain, and the moments if the sum of lag and delay is."""
-    result = []
-    for key, (tau_s, std_s) in times_of(found).items():
+    findings = []
+    for key, (tau_s, std_s) in times_of(fit).items():
         if key != DELAY and not std_s < LOOSE * tau_s:
             text = (
-                f"{key.removeprefix('flight.').removesuffix('_s').replace('_', ' ')}, {1e3 * tau_s:.0f} ms, is open by "
-                f"{100 * std_s / tau_s:.0f} % (limit {100 * LOOSE:.0f} %): {CLIMB}."
+                f"{key.removeprefix('flight.').removesuffix('_s').replace('_', ' ')}, {1e3 * tau_s:.0f} ms, is known "
+                f"only to {100 * std_s / tau_s:.0f} % (limit {100 * LOOSE:.0f} %): {CLIMB}."
             )
-            result.append(rejection("flight-lag-not-excited", text, key, *(MOMENTS.values() if key == SINGLE else ())))
-    return result
+            lost = MOMENTS.values() if key == SINGLE else ()
+            findings.append(rejection("flight-lag-not-excited", text, key, *lost))
+    return findings
 
 
-def _delay_findings(found: FlightFit, concerned: Sequence[str]) -> list[Finding]:
-    """Reject everything where a sensor shows the rotors' effect before their command, or much later."""
-    climbed = lifted(found)
-    moved = climbed, climbed or any(one.tells for one in turnings(found))
-    sensors = zip(("accelerometer", "gyro"), moved, found.values[DELAYS], found.std[DELAYS], strict=True)
-    for sensor, moves, delay_s, std_s in sensors:
-        if moves and not (delay_s + 3 * std_s > _FIRST_S and delay_s < _LAST_S):
-            slow = delay_s > 0 and sensor == "accelerometer"
-            text = (
-                f"the {sensor} shows what rotors do {1e3 * abs(delay_s):.0f} ms "
-                f"{'before' if delay_s < 0 else 'after'} their command: its times and those of the commands do not "
-                "belong together"
-                f"{', or its low-pass filter is slow (acc_lpf_hz, IMU_ACCEL_CUTOFF): set 50 Hz.' if slow else '.'}"
-            )
-            return [rejection("flight-delay-implausible", text, *concerned)]
-    return []
-
-
-def _moment_findings(found: FlightFit, body: Body, flown: FlownLog) -> list[Finding]:
+def _moment_findings(fit: FlightFit, body: Body, flown: FlownLog) -> list[Finding]:
     """Judge moments by the torques' effect about each axis; `flown` is the first flight."""
-    result = _wrong_ways(found, props_out=flown.flight.props_out)
-    question = " Is the gyro in rad/s?" if any(one.code == "log-units-by-names" for one in flown.findings) else ""
-    within, lost_s = "", flown.in_air_s - flown.driven_s
+    lost_s, within = flown.in_air_s - flown.driven_s, ""
     if lost_s > LOOSE * flown.in_air_s:
         within = f", so that no motor reaches idle or full command ({lost_s:.0f} s at and after these are left out)"
-    for place, motion in enumerate(turnings(found)):
+    findings = []
+    for place, motion in enumerate(turnings(fit)):
         axis = motion.name
         if lever_m(axis, body) is None:
             what = "the torque of a rotor over its thrust (`torque_m`)" if axis == "yaw" else "the arm (`arm_mm`)"
-            result.append(note("flight-lever-unknown", f"no moment about {axis}: it needs {what}."))
+            findings.append(note("flight-lever-unknown", f"no moment about {axis}: it needs {what}."))
             continue
-        gain, std = float(found.values[TURNS][place]), float(found.std[TURNS][place])
-        if gain == 0:
-            text = f"the gyro shows no turning about {axis} at all: does it work, is it in the log?"
-            result.append(rejection("flight-moment-not-excited", text, MOMENTS[axis]))
-        elif motion.explained <= 0 and (gain < 0 or not std < LOOSE * gain):
+        gain, std, fed_back = (float(values[place]) for values in (fit.values[TURNS], fit.std[TURNS], fit.feedback))
+        loose = not std < LOOSE * abs(gain)
+        older = (
+            f"torques of 20 ms before would change the moment about {axis} by {100 * fed_back:.0f} % more than noise "
+            "explains"
+        )
+        if gain < -3 * std and motion.explained > 0:
+            continue  # the torques turn the vehicle the wrong way, which is another finding
+        if loose and fed_back > LOOSE and fit.excitation[axis] > _STILL_RAD_PER_S2 and motion.explained > 0:
             text = (
-                f"rotors' torques explain nothing of how the rate about {axis} changed in the {ROW_S * found.rows:.0f} "
-                f"s with every motor within its range: {_MANOEUVRES[axis]}{within}."
+                f"{older} (limit {100 * LOOSE:.0f} %): the gyro's rows are smoothed or interpolated, commands between "
+                "rows are missing, or the rotors are no first-order lag. Lags rest on the same torques."
             )
-            result.append(rejection("flight-moment-not-excited", text, MOMENTS[axis]))
-        elif gain < 0 and -gain > 3 * std:
-            continue
-        elif (
-            not std < LOOSE * abs(gain) and found.feedback[place] > LOOSE and found.excitation[axis] > _STILL_RAD_PER_S2
-        ):
+            findings.append(rejection("flight-torques-contradict", text, *TIMES, MOMENTS[axis]))
+        elif loose or gain < 0 or not motion.is_large:
             text = (
-                f"torques of 20 ms before would change the moment about {axis} by "
-                f"{100 * found.feedback[place]:.0f} % more than noise explains (limit {100 * LOOSE:.0f} %): the "
-                "gyro's rows are smoothed or interpolated, commands between rows are missing, or the rotors are no "
-                "first-order lag. Lags rest on the same torques."
+                f"rotors' torques moved the rate about {axis} by {motion.moved:.2g} rad/s^2 rms and explain "
+                f"{100 * max(motion.explained, 0):.0f} % of its changes in {ROW_S * fit.rows:.0f} s; the moment is "
+                f"known to {100 * std / max(abs(gain), 1e-300):.2g} % (limit {100 * LOOSE:.0f} %), for 20 s to "
+                f"{100 * motion.unclear:.2g} % (at least {LEAST_TURN_RAD_PER_S2:g} rad/s^2, or {100 * EXPLAINED:.0f} % "
+                f"and {100 * CLEAR:g} % for 20 s): {_MANOEUVRES[axis]}{within}."
             )
-            result.append(rejection("flight-torques-contradict", text, *TIMES, MOMENTS[axis]))
-        elif not std < LOOSE * abs(gain):
+            findings.append(rejection("flight-moment-not-excited", text, MOMENTS[axis]))
+        elif fed_back > _FED_BACK:
             text = (
-                f"the moment about {axis} is open by {100 * std / abs(gain):.0f} % (limit {100 * LOOSE:.0f} %): "
-                f"{_MANOEUVRES[axis]}{within}."
+                f"{older}: the autopilot answers to the gyro's noise, or the rotors are no first-order lag. The "
+                "standard uncertainty contains it."
             )
-            result.append(rejection("flight-moment-not-excited", text, MOMENTS[axis]))
-        elif not motion.is_large:
-            text = (
-                f"rotors' torques moved the rate about {axis} by {motion.moved:.2g} rad/s^2 rms, explain "
-                f"{100 * max(motion.explained, 0):.0f} % of its changes, and leave its moment open by "
-                f"{100 * motion.unclear:.2g} % for 20 s (at least {LEAST_TURN_RAD_PER_S2:g} rad/s^2, or "
-                f"{100 * EXPLAINED:.0f} % and at most {100 * CLEAR:g} %): {_MANOEUVRES[axis]}{within}.{question}"
-            )
-            result.append(rejection("flight-moment-not-excited", text, MOMENTS[axis]))
-        elif found.feedback[place] > _FED_BACK:
-            change = 100 * found.feedback[place]
-            text = (
-                f"torques of 20 ms before would change the moment about {axis} by {change:.0f} % more than noise "
-                "explains: the autopilot answers to the gyro's noise, or the rotors are no first-order lag. "
-                "The standard uncertainty contains it."
-            )
-            result.append(warning("flight-older-torques-differ", text, MOMENTS[axis]))
-    return result
+            findings.append(warning("flight-torques-contradict", text, MOMENTS[axis]))
+    return findings
 
 
-def _unlike_arm(quantities: Mapping[str, Parameter], body: Body) -> list[Finding]:
-    """Reject moments that no quadrocopter with such an arm has: its mass lies between its centre and its motors."""
-    if body.arm_m is None:
-        return []
-    result = []
-    for axis in ("roll", "pitch"):
-        one = quantities.get(MOMENTS[axis])
-        share = 0.0 if one is None else plain(one.value) / (body.mass_kg * body.arm_m**2)
-        if share > 0 and not OF_ARM[0] < share < OF_ARM[1]:
-            text = (
-                f"the moment about {axis} is {share:.2g} times mass times arm squared, and quadrocopters have 0.2 to "
-                f"0.4 (limits {OF_ARM[0]:g} and {OF_ARM[1]:g}): is the arm of {1e3 * body.arm_m:g} mm right?"
-            )
-            result.append(rejection("flight-moment-unlike-arm", text, MOMENTS[axis]))
-    return result
+def _wrong_ways(fit: FlightFit, *, props_out: bool) -> list[Finding]:
+    """Reject moments and lags where torques turn the vehicle the wrong way; of yaw alone, its moment.
 
-
-def _other_unit(found: FlightFit, arm_m: float, read: str) -> list[Finding]:
-    """Reject moments if they match the arm only with the gyro in another unit than the one in which it was `read`."""
-    closed = bool(np.all(found.std[TURNS][:2] < LOOSE * np.abs(found.values[TURNS][:2])))
-    text = unlike_arm(found, arm_m, read) if closed and lifted(found) else None
-    return [] if text is None else [rejection("flight-gyro-unit", text, *MOMENTS.values())]
-
-
-def _wrong_ways(found: FlightFit, *, props_out: bool) -> list[Finding]:
-    gains, stds = found.values[TURNS], found.std[TURNS]
+    With roll and pitch right, the reason is the rotors' direction, or the gyro's z: no other order of motors, and no
+    other axes forward and left, leave roll and pitch as they are.
+    """
+    gains, stds = fit.values[TURNS], fit.std[TURNS]
     wrong = [
         motion.name
-        for gain, std, motion in zip(gains, stds, turnings(found), strict=True)
+        for gain, std, motion in zip(gains, stds, turnings(fit), strict=True)
         if gain < -3 * std and motion.moved > 0 < motion.explained  # else the fitted gain is not an effect of torques
     ]
+    lost: tuple[str, ...] = TIMES
+    reason = "its axes are not forward, left and up, or motors are not front right, rear right, rear left, front left"
     if wrong == ["yaw"] and bool(np.all(gains[:2] > 3 * stds[:2])):
-        # No other order of motors, and no other axes forward and left, leave roll and pitch as they are.
-        stated, way = "than a Crazyflie's, the front right one clockwise", "give `props_out` if they do"
-        if props_out:
-            stated, way = "than stated, the front right one counterclockwise", "leave `props_out` away if it is given"
-        text = (
-            "commanded torques turn the vehicle the right way about roll and pitch, and the wrong way about yaw: its "
-            f"rotors turn the other way {stated}, seen from above ({way}), or the gyro's z points down."
-        )
-        return [rejection("flight-rotors-turn-back", text, MOMENTS["yaw"])]
+        way = "as a Crazyflie's do (leave `props_out` away)" if props_out else "opposite to a Crazyflie's (`props_out`)"
+        lost, reason = (), f"rotors turn {way}, or the gyro's z points down"
     return [
         rejection(
             "flight-wrong-way",
-            f"commanded torques turn the vehicle the wrong way about {axis}: the log's axes are not forward, left "
-            "and up, or its motors have other numbers (front right, rear right, rear left, front left).",
-            *TIMES,
+            f"commanded torques turn the vehicle the wrong way about {axis}: {reason}.",
+            *lost,
             MOMENTS[axis],
         )
         for axis in wrong
@@ -279,23 +305,22 @@ def _wrong_ways(found: FlightFit, *, props_out: bool) -> list[Finding]:
 
 
 def _drag_findings(drags: Mapping[str, AxisDrag | None]) -> list[Finding]:
-    if not any(drags.values()):
-        text = "no drag: the logs have no velocity and attitude of motion capture (vx, vy, vz, qw, qx, qy, qz)."
-        return [note("flight-no-velocity", text)]
-    result = []
-    for axis, one in drags.items():
+    findings = []
+    for axis, drag in drags.items():
         keys = f"flight.drag_over_mass_per_s.{axis}", f"flight.drag_kg_per_s.{axis}"
-        if one is not None and (one.speed < _LEAST_SPEED_MPS or one.explained < _EXPLAINED_DRAG):
-            text = (
-                f"drag along {axis} is not excited: {one.speed:.2g} m/s rms (at least {_LEAST_SPEED_MPS:g}), of which "
-                f"it explains {100 * max(one.explained, 0):.0f} % of the specific force (at least "
-                f"{100 * _EXPLAINED_DRAG:.0f} %): fly back and forth along it at 1 m/s and more, without wind."
-            )
-            result.append(rejection("flight-drag-not-excited", text, *keys))
-        elif one is not None and one.rate + 3 * one.std < 0:
-            text = f"drag along {axis} would drive the vehicle: {one.rate:.3g} +- {one.std:.2g} 1/s. Check the axes."
-            result.append(rejection("flight-wrong-way", text, *keys))
-        elif one is not None and not one.std < LOOSE * abs(one.rate):
-            text = f"drag along {axis} is open by {100 * one.std / abs(one.rate):.0f} %: fly faster, or longer."
-            result.append(warning("flight-drag-loose", text, *keys))
-    return result
+        if drag is None:
+            continue
+        text = (
+            f"drag along {axis} is {drag.rate:.3g} +- {drag.std:.2g} 1/s (limit {100 * LOOSE:.0f} %), from "
+            f"{drag.speed:.2g} m/s rms (at least {_LEAST_SPEED_MPS:g}), which explain "
+            f"{100 * max(drag.explained, 0):.0f} % of the specific force (at least {100 * _EXPLAINED_DRAG:.0f} %): fly "
+            "back and forth along it at 1 m/s and more, without wind."
+        )
+        if drag.speed < _LEAST_SPEED_MPS or drag.explained < _EXPLAINED_DRAG:
+            findings.append(rejection("flight-drag-not-excited", text, *keys))
+        elif drag.rate + 3 * drag.std < 0:
+            text = f"drag along {axis} would drive the vehicle: {drag.rate:.3g} +- {drag.std:.2g} 1/s. Check the axes."
+            findings.append(rejection("flight-wrong-way", text, *keys))
+        elif not drag.std < LOOSE * abs(drag.rate):
+            findings.append(warning("flight-drag-not-excited", text, *keys))
+    return findings

@@ -10,10 +10,16 @@ The equations are
 where l is the lever of a rotor about x and y, its arm over the root of two, and q is its torque over its thrust. Each
 sensor shows this with a delay of its own from air, electronics and the vehicle's filter, whose shape is known on a
 Crazyflie. On other vehicles, the accelerometer's delay relative to the gyro is ascribed to a second-order filter.
+
+What a rotor's command does not explain, such as wind, vibration and the sensors' noise, is autocorrelated and, through
+the autopilot, correlated with later commands. An autoregression in each equation removes the part that its past
+predicts; what remains is independent of everything before, and so of the effects of the commands (L. Ljung, System
+Identification, 2nd ed., 1999, sections 7.3 and 13.4: the direct method in a closed loop).
 """
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -22,6 +28,7 @@ import numpy.typing as npt
 from scipy.signal import butter, lfilter
 
 from cfid.estimate.held_lag import follow_held
+from cfid.estimate.linear import gain_of
 from cfid.flight.rows import AXES, ROW_S, ROW_STEPS, STEP_S, Flight, delayed, segments, with_ends
 
 Array = npt.NDArray[np.float64]
@@ -33,6 +40,11 @@ SAG_S = 5.0  # half the shortest period in which the battery's charge changes th
 # The delay of a filter of 240 Hz: steps of 2 ms show none above 250 Hz.
 _LEAST_FILTERED_S = 1e-4
 _KEPT = 4  # the number of cached equations: those of a solution's lags and delays, and of slopes around it
+PAST = 16  # rows that predict the next: 0.16 s
+DELAY_S = 0.008  # the initial value
+LAGS, DELAYS, THRUST, TURNS = slice(0, 2), slice(2, 4), slice(4, 7), slice(7, 10)  # of the parameters
+_STEP = 1e-3  # the relative change of a time constant or delay over which a slope is taken
+_SHARES = (1.0, 0.5, 0.25)  # of a round's step, tried where it reverses the last one
 
 
 class ThrustLag(NamedTuple):
@@ -215,3 +227,124 @@ def _rows(flight: Flight, steps: Array) -> Array:
 def _cut(axis: int | None, shown: Array, terms: Array, others: Array, parts: Sequence[slice]) -> FlightEquation:
     at = np.concatenate([np.arange(one.start, one.stop) for one in parts]) if parts else np.zeros(0, int)
     return FlightEquation(axis, shown[at], terms[at], others[at], tuple(one.stop - one.start for one in parts))
+
+
+@dataclass(frozen=True, eq=False)
+class White:
+    """A filter that removes an equation's other terms and its errors' predictable part, and scales to unit variance."""
+
+    filter: Array
+    lengths: tuple[int, ...]
+    basis: Array  # (k, q), an orthonormal basis of the whitened other terms
+    shares: Array  # (q, k), maps whitened errors to the coefficients of the other terms
+    size: float
+
+    def of(self, columns: Array) -> Array:
+        """Return columns (n, p) whitened, without each segment's first rows and without what other terms explain."""
+        white = _filtered(columns, self.filter, self.lengths)
+        return np.asarray((white - self.basis @ (self.basis.T @ white)) / self.size)
+
+    def others_in(self, errors: Array) -> Array:
+        """Return the coefficients (q,) of the equation's other terms in its errors (n,)."""
+        return np.asarray(self.shares @ _filtered(errors[:, np.newaxis], self.filter, self.lengths)[:, 0])
+
+
+def whitening(block: FlightEquation, left: Array, *, fed_back: bool = False, rows: int = PAST) -> White:
+    """Return the filter that whitens an equation whose errors (n,) are `left`, from this many `rows` before each.
+
+    Where an autopilot responds to errors (`fed_back`), past errors count as other terms: the effects of the commands
+    and the autocorrelation of the errors are then found together, and the uncertainty of each contains that of the
+    other.
+    """
+    parts = _parts(left, block.lengths)
+    past = np.concatenate(
+        [np.column_stack([part[rows - k - 1 : len(part) - k - 1] for k in range(rows)]) for part in parts]
+    )
+    now = np.concatenate([part[rows:] for part in parts])
+    coefficients = np.concatenate([[1.0], -(gain_of(past) @ now)])
+    others = _filtered(block.others, coefficients, block.lengths)
+    taken = np.column_stack([others, past]) if fed_back else others
+    basis = np.linalg.qr(taken / np.maximum(np.linalg.norm(taken, axis=0), 1e-300))[0]
+    white = _filtered(left[:, np.newaxis], coefficients, block.lengths)[:, 0]
+    return White(coefficients, block.lengths, basis, gain_of(others), max(float(np.std(white)), 1e-12))
+
+
+def without(values: Array, others: Array) -> Array:
+    """Return values (n,) without what other terms (n, q) explain."""
+    return np.asarray(values - others @ (gain_of(others) @ values))
+
+
+def _filtered(columns: Array, coefficients: Array, lengths: Sequence[int]) -> Array:
+    rows = len(coefficients) - 1
+    return np.concatenate([lfilter(coefficients, [1.0], part, axis=0)[rows:] for part in _parts(columns, lengths)])
+
+
+def _parts(columns: Array, lengths: Sequence[int]) -> list[Array]:
+    return np.split(columns, np.cumsum(lengths)[:-1])
+
+
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """The equations of flights, whose residuals are whitened.
+
+    Parameters (10,) are two time constants and two delays in s (of accelerometer and gyro), thrust over mass in powers
+    of the drive, and lever times mass over moment about each axis: `LAGS`, `DELAYS`, `THRUST` and `TURNS`.
+    """
+
+    each: Sequence[EquationsOf]
+    white: tuple[White, ...] = ()
+    of_command: float = 0.0  # the share of the delays that applies to the command alone, not to the battery's voltage
+    # The share of an unknown accelerometer's delay relative to the gyro that is not due to a filter.
+    unfiltered: float = 0.0
+
+    def whitened(self, p: Array) -> "Equations":
+        """Return the equations with the filters that whiten the errors of parameters (10,)."""
+        blocks = self.at(p)
+        left = [without(block.shown - fitted_in(block, p), block.others) for block in blocks]
+        white = [whitening(*each, fed_back=True) for each in zip(blocks, left, strict=True)]
+        return replace(self, white=tuple(white))
+
+    def likeliest(self, p: Array, step: Array) -> float:
+        """Return the share of a step (10,) from parameters (10,) after which the whitened errors are most likely.
+
+        The likelihood is that of normal errors with the best-fitting sizes and autoregression.
+        """
+        sizes = [[math.log(one.size) for one in self.whitened(p + share * step).white] for share in _SHARES]
+        rows = [len(one.basis) for one in self.white]
+        return _SHARES[int(np.argmin(np.array(sizes) @ rows))]
+
+    def at(self, p: Array) -> list[FlightEquation]:
+        """Return the equations at the time constants and delays of parameters (10,)."""
+        rising_s, falling_s, of_force_s, of_rates_s = map(float, p[: DELAYS.stop])
+        lag, delays_s = ThrustLag(rising_s, falling_s), (of_force_s, of_rates_s)
+        return [one for equations in self.each for one in equations(lag, delays_s, self.of_command, self.unfiltered)]
+
+    def residual(self, p: Array) -> Array:
+        """Return the whitened errors (n,) of parameters (10,)."""
+        each = zip(self.at(p), self.white, strict=True)
+        return np.concatenate([one.of((block.shown - fitted_in(block, p))[:, np.newaxis])[:, 0] for block, one in each])
+
+    def jacobian(self, p: Array) -> Array:
+        """Return the slopes (n, 10) of the whitened errors over the parameters."""
+        blocks, columns = self.at(p), []
+        for place in range(DELAYS.stop):
+            ahead = p.copy()
+            step = _STEP * max(abs(float(p[place])), DELAY_S)
+            ahead[place] += step
+            moved = zip(self.at(ahead), blocks, strict=True)
+            columns.append([-(fitted_in(one, p) - fitted_in(block, p)) / step for one, block in moved])
+        each = []
+        for place, (block, white) in enumerate(zip(blocks, self.white, strict=True)):
+            gains, turned = np.ones(3), np.zeros((len(block.shown), len(AXES)))
+            if block.axis is not None:
+                gains = np.full(3, p[TURNS][block.axis])
+                turned[:, block.axis] = -(block.terms @ p[THRUST])
+            slow = [column[place] for column in columns]
+            each.append(white.of(np.column_stack([*slow, -block.terms * gains, turned])))
+        return np.concatenate(each)
+
+
+def fitted_in(block: FlightEquation, p: Array) -> Array:
+    """Return the rotors' contribution (k,) to an equation."""
+    gain = 1.0 if block.axis is None else float(p[TURNS][block.axis])
+    return np.asarray(gain * (block.terms @ p[THRUST]))

@@ -1,7 +1,7 @@
 """Represent a quadrocopter's flight as rows: its rotors' drives every 2 ms, and its sensors' values every 10 ms."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -33,14 +33,13 @@ class Flight:
 
     `rates` (m, 3) in rad/s and `force` (m, 3), the specific force in m/s^2, are along the vehicle's axes, as is
     `velocity` (m, 3) in m/s, None where unknown. `attitude` (m, 4) is the quaternion w, x, y, z that turns these axes
-    to the world's. `volts` (n,) is the voltage contained in the drives, None where unknown, and `volts_std` (n,) is its
-    change if all values err by one standard uncertainty, None where they are exact. `averaged` is true where rows are
-    means over their 10 ms. `airborne` (m,) marks rows in the air; `driven` (m,) marks those among them at which every
-    rotor has been under a command within its range for a while. `beyond` (m,) marks rows at which the gyro was at an
-    end of its range, None where it never was. With `props_out`, rotors turn the other way than a Crazyflie's: front
-    right clockwise, seen from above. `low_pass_hz` are the cut-offs of the Butterworth filters of accelerometer and
-    gyro, None where unknown, `ages_s` are the times by which their readings may be older than the rows that show them,
-    and `held_s` is the time for which commands are repeated.
+    to the world's. `volts` (n,) is the voltage contained in the drives, None where unknown. `averaged` is true where
+    rows are means over their 10 ms. `airborne` (m,) marks rows in the air; `driven` (m,) marks those among them at
+    which every rotor has been under a command within its range for a while. `beyond` (m,) marks rows at which the gyro
+    was at an end of its range, None where it never was. With `props_out`, rotors turn the other way than a Crazyflie's:
+    front right clockwise, seen from above. `low_pass_hz` are the cut-offs of the Butterworth filters of accelerometer
+    and gyro, None where unknown, `ages_s` are the times by which their readings may be older than the rows that show
+    them, and `held_s` is the time for which commands are repeated.
     """
 
     name: str
@@ -57,7 +56,6 @@ class Flight:
     velocity: Array | None = None
     attitude: Array | None = None
     volts: Array | None = None
-    volts_std: Array | None = None
     beyond: Mask | None = None
     props_out: bool = False
 
@@ -97,14 +95,6 @@ class Flight:
     def step_driven(self) -> Mask:
         """Whether each drive (n,) belongs to a driven row."""
         return np.repeat(self.driven, ROW_STEPS)[: len(self.drive)]
-
-    @property
-    def with_other_volts(self) -> "Flight":
-        """The flight with a voltage that errs by its standard uncertainty."""
-        if self.volts is None or self.volts_std is None:
-            return self
-        volts = self.volts + self.volts_std
-        return replace(self, drive=self.drive * (volts / self.volts)[:, np.newaxis], volts=volts)
 
 
 def delayed(late: Array, delay_s: float) -> Array:

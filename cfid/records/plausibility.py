@@ -28,7 +28,7 @@ _ALIKE = {  # quantities that rest on the same force, arm, wind or line through 
     "latency.clock_skew": ("latency.clock_offset_s",),
 }  # fmt: skip
 _SAYS_NOTHING = "-not-excited"  # ends codes of quantities that a recording does not show at all
-_BACKWARDS = ("flight-rotors-turn-back", "flight-wrong-way")  # codes of a wrong sign, for any platform
+_BACKWARDS = "flight-wrong-way"  # the code of a wrong sign, for any platform
 _OTHERWISE = 'For another kind of body write platform = "other" under [vehicle] in rig.toml (`cfid new` makes one).'
 
 
@@ -52,7 +52,7 @@ def judged(result: Result, rig: Rig | None) -> Result:
     if larger or platform_of(rig) == "other":
         return replace(result, findings=(*own, *_implausible(result.quantities, "other")))
     named = [
-        one for one in result.findings if one.code in ("implausible", *_BACKWARDS) or one.code.endswith(_SAYS_NOTHING)
+        one for one in result.findings if one.code in ("implausible", _BACKWARDS) or one.code.endswith(_SAYS_NOTHING)
     ]
     rest = {key: found for key, found in result.quantities.items() if not any(one.concerns(key) for one in named)}
     return replace(result, findings=(*result.findings, *implausible_quantities(rest, rig)))

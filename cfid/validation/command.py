@@ -13,7 +13,7 @@ from cfid.console.outcome import deliver
 from cfid.records.choose import labelled
 
 if TYPE_CHECKING:
-    from cfid.validation.measured import Measured
+    from cfid.validation.sets import Measured
 
 
 @flat
@@ -45,44 +45,42 @@ def validate(
     Example: [bold]cfid validate log15.usd --with thesis --with gym-pybullet-drones[/bold]
     """
     from cfid.console.messages import note
-    from cfid.flight.battery import with_own_sag
+    from cfid.flight.contradictions import with_usable_voltage
     from cfid.flight.data import read_flight
-    from cfid.validation.measured import measured_in
     from cfid.validation.result import validate as compare
-    from cfid.validation.sets import NoVoltageError, published_set, sets_of
+    from cfid.validation.sets import measured_in, published_set, sets_of
 
     workplace = open_workplace(rig)
     path = find_recording(log, workplace, labelled("flight"))
-    flown = with_own_sag(read_flight(path, from_s=cut.from_s, to_s=cut.to_s, props_out=props_out))
+    flown = with_usable_voltage(read_flight(path, from_s=cut.from_s, to_s=cut.to_s, props_out=props_out))
     in_volts = flown.flight.in_volts
     used = [] if workplace.campaign is None else [measured_in(workplace.campaign)]
-    sets, published, faults = [], [], []
+    published = []
     for word in others or []:
-        other = _measured(word)
-        if other is not None:
-            used.append(other)
-            continue
-        try:
-            published.append(published_set(word, in_volts=in_volts))
-        except NoVoltageError as error:  # one set must not prevent the others
-            faults.append(error)
+        measured = _measured(word)
+        if measured is not None:
+            used.append(measured)
+        else:
+            published.append(published_set(word))
+    sets = []
     for measured in used:
-        found, missing = sets_of(measured, in_volts=in_volts)
-        sets += found
+        complete, missing = sets_of(measured, in_volts=in_volts)
+        sets += complete
         for text in missing:
             note(text)
-    if faults and not (sets or published):
-        raise faults[0]
-    for fault in faults:
-        note(f"{fault} It is left out.")
-    result = compare(flown, [*sets, *published], used=used)
+    for each in published:
+        if each.in_volts and not in_volts:
+            note(f"{each.name}: its thrust is of volts, and the log has no battery voltage (pm.vbat): it is left out.")
+        else:
+            sets.append(each)
+    result = compare(flown, sets, used=used)
     deliver(replace(result, folder=workplace.figures), delivery, None, workplace.own_rig)
 
 
 def _measured(word: str) -> "Measured | None":
     """Return the values of a campaign's folder or of a kept fit's file; None if the word is not a path."""
     from cfid.records.campaign import open_campaign
-    from cfid.validation.measured import measured_file, measured_in
+    from cfid.validation.sets import measured_file, measured_in
 
     path = Path(word)
     if path.is_dir():

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from cfid.drawing.style import figure, legend, name_panel, styled
 from cfid.flight.rows import ROW_S
 from cfid.units import COVERAGE_95
-from cfid.validation.rollout import HORIZONS, QUANTITIES, UNITS
+from cfid.validation.predictions import HORIZONS, QUANTITIES, UNITS
 
 Array = npt.NDArray[np.float64]
 

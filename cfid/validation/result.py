@@ -11,29 +11,36 @@ from scipy.special import stdtrit
 
 from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
-from cfid.findings import Finding, warning
+from cfid.findings import Finding, note, warning
 from cfid.flight.data import FlownLog
-from cfid.flight.equations import DELAYS
-from cfid.flight.estimation import fit_alone
-from cfid.flight.findings import contradictions
-from cfid.flight.rows import LEVER, ROW_S
+from cfid.flight.estimation import EXPLAINED, FlightFit, fit_alone
+from cfid.flight.findings import (
+    CALM,
+    CLEAR,
+    LEAST_TURN_RAD_PER_S2,
+    LOOSE,
+    climbing,
+    contradictions,
+    turnings,
+)
+from cfid.flight.model import DELAYS
+from cfid.flight.rows import AXES, LEVER, ROW_S, Flight
 from cfid.recordings.read import description
 from cfid.records.result import Figures, Result
 from cfid.units import USUAL_GRAVITY_MPS2
-from cfid.validation.measured import Measured
-from cfid.validation.next_rates import next_rate_errors
-from cfid.validation.rollout import (
+from cfid.validation.predictions import (
     HORIZONS,
     QUANTITIES,
     UNITS,
     ParameterSet,
     Rows,
     errors,
+    next_rate_errors,
     starts,
     thrust_errors,
     unchanged,
 )
-from cfid.validation.telling import Telling, telling_of
+from cfid.validation.sets import Measured
 
 Array = npt.NDArray[np.float64]
 
@@ -63,14 +70,13 @@ class SetError:
         """The entry of a table: with an interval only where the flight shows how the sets differ."""
         return {name: value for name, value in vars(self).items() if self.tells or name != "half_width"}
 
-    @property
-    def difference(self) -> str:
-        """The difference from the first set, in words."""
-        return f"{self.more:+.2g} +- {self.half_width:.1g}" if self.tells else f"{self.more:+.2g}"
-
 
 def validate(flown: FlownLog, sets: Sequence[ParameterSet], *, used: Sequence[Measured]) -> Result:
     """Compare what sets predict of a flight with its recording. `used` are the measured parameters among them.
+
+    A fit to the flight alone shows what it can judge: moments, lags and thrust where rotors moved it. Where its
+    autopilot only responded to air, commands counteract the air's torques: moments that are too large, and lags that
+    are too long, predict such a flight better than the true ones.
 
     Raises ConfigError for no set or two with one name, DataError for a log that a set was fitted to or one with less
     than 8 s in which all rotors were driven, and CrossedError for one whose motors are in another order.
@@ -82,25 +88,31 @@ def validate(flown: FlownLog, sets: Sequence[ParameterSet], *, used: Sequence[Me
             f"{flown.log.path}: {counted(len(at), 'segment')} of 1 s in the air with every motor and the gyro within "
             f"their ranges (at least {FEWEST}): fly for longer, and turn slower where the gyro reaches its range."
         )
-    found = fit_alone(flown.flight)
-    telling = telling_of(found)
+    fit = fit_alone(flown.flight)
+    axes = [] if fit is None else [motion.name for motion in turnings(fit) if motion.tells]
+    lifts = fit is not None and climbing(fit).tells
     # Sensors and link delay a recording, not a vehicle: a set without this delay would err as one with wrong moments.
-    delay_s = float(found.values[DELAYS][-1]) if found and (telling.axes or telling.vertical) else 0.0
-    sets = [replace(one, delay_s=delay_s) for one in sets]
-    each = {one.name: _errors(flown, one, at, telling) for one in sets}
-    captured = flown.flight.velocity is not None and bool(telling.axes)
-    judged = [axis for axis in telling.axes if axis != "yaw" or all(one.torque_m for one in sets)]
-    table = [replace(one, tells=one.quantity == "velocity" and not captured) for one in compared(each)]
-    if captured:
-        table += _of_vertical(flown, sets, at)
+    delay_s = float(fit.values[DELAYS][-1]) if fit and (axes or lifts) else 0.0
+    sets = [replace(each, delay_s=delay_s) for each in sets]
+    segment_errors = {each.name: _errors(flown, each, at, axes, lifts=lifts) for each in sets}
+    captured = flown.flight.velocity is not None and bool(axes)
+    judged = [axis for axis in axes if axis != "yaw" or all(each.torque_m for each in sets)]
+    table = [replace(row, tells=row.quantity == "velocity" and not captured) for row in compared(segment_errors)]
+    if captured:  # motion capture's velocities depend on predicted attitudes
+        vertical = {each.name: errors(_without_capture(_flight(flown, each)), each, at)["velocity"] for each in sets}
+        table += _paired(VERTICAL, HORIZONS, vertical)
     if judged:
-        table = [*_of_next_rates(flown, sets, judged, len(at)), *table]
+        next_rates = {
+            each.name: next_rate_errors(_flight(flown, each), each, judged, parts=len(at))[:, np.newaxis]
+            for each in sets
+        }
+        table = [*_paired(NEXT, (1,), next_rates), *table]
 
     def drawings() -> Figures:
         from cfid.validation.figures import validation_figure
 
         title = f"{flown.flight.name}: {counted(len(at), 'segment')} of 1 s"
-        return {f"validate_{flown.flight.name}": validation_figure(each, title=title)}
+        return {f"validate_{flown.flight.name}": validation_figure(segment_errors, title=title)}
 
     return Result(
         command="validate",
@@ -108,66 +120,72 @@ def validate(flown: FlownLog, sets: Sequence[ParameterSet], *, used: Sequence[Me
         quantities={},
         findings=(
             *flown.findings,
-            *contradictions(flown, found, [one.arm_m for one in sets]),
-            *(one.at(flown.flight.name) for one in telling.findings),
+            *contradictions(flown, fit, [each.arm_m for each in sets]),
+            *(finding.at(flown.flight.name) for finding in _not_excited(fit, axes, lifts=lifts)),
             *_unpredicted(table, flown, at),
         ),
         merits={
             "segments": len(at),
-            "sets": {one.name: one.origin for one in sets},
-            "errors": [one.row for one in table],
+            "sets": {each.name: each.origin for each in sets},
+            "errors": [row.row for row in table],
         },
         sources=(flown.log.source,),
         lines=(
             description(flown.log),
             *map(_described, sets),
             *_lines(table, flown, at, judged),
-            _assumed(telling, captured=captured, delay_s=delay_s),
+            _assumed(lifts=lifts, captured=captured, delay_s=delay_s),
         ),
         drawings=drawings,
     )
 
 
-def _errors(flown: FlownLog, one: ParameterSet, at: Rows, telling: Telling) -> dict[str, Array]:
+def _check(flown: FlownLog, sets: Sequence[ParameterSet], used: Sequence[Measured]) -> None:
+    names = [each.name for each in sets]
+    if not names:
+        raise ConfigError("no parameter set: work in a campaign that has one, or name one by `with`.")
+    if len(set(names)) < len(names):
+        raise ConfigError(f"two parameter sets are called {max(names, key=names.count)}: name each once.")
+    for measured in used:
+        if measured.fitted_to(flown.log):
+            raise DataError(
+                f"{flown.log.path}: parameters of {measured.name} were fitted to this flight: validate with another "
+                "flight."
+            )
+
+
+def _flight(flown: FlownLog, parameters: ParameterSet) -> Flight:
+    """Return the flight with the drives of which a set's thrust is a function."""
+    return flown.flight if parameters.in_volts else flown.by_command
+
+
+def _without_capture(flight: Flight) -> Flight:
+    return replace(flight, velocity=None, attitude=None)
+
+
+def _errors(
+    flown: FlownLog, parameters: ParameterSet, at: Rows, axes: Sequence[str], *, lifts: bool
+) -> dict[str, Array]:
     """Return a set's errors (s, h) by quantity, with velocities limited to what the flight can show."""
-    flight = flown.flight if one.in_volts else flown.by_command
-    if not telling.axes:  # otherwise moments rotate the thrust that motion capture shows
-        flight = replace(flight, velocity=None, attitude=None)
-    found = errors(flight, one, at)
-    return found if telling.vertical else found | {"velocity": thrust_errors(flight, one, at)}
+    flight = _flight(flown, parameters)
+    if not axes:  # otherwise moments rotate the thrust that motion capture shows
+        flight = _without_capture(flight)
+    by_quantity = errors(flight, parameters, at)
+    return by_quantity if lifts else by_quantity | {"velocity": thrust_errors(flight, parameters, at)}
 
 
-def _of_vertical(flown: FlownLog, sets: Sequence[ParameterSet], at: Rows) -> list[SetError]:
-    """Return the table's rows that judge thrust: motion capture's velocities depend on predicted attitudes."""
-    found = {}
-    for one in sets:
-        flight = flown.flight if one.in_volts else flown.by_command
-        found[one.name] = errors(replace(flight, velocity=None, attitude=None), one, at)["velocity"]
-    return _paired(VERTICAL, HORIZONS, found)
-
-
-def _of_next_rates(flown: FlownLog, sets: Sequence[ParameterSet], axes: Sequence[str], parts: int) -> list[SetError]:
-    """Return the table's rows that judge moments and lags, about the axes whose moments the flight shows."""
-    flights = [flown.flight if one.in_volts else flown.by_command for one in sets]
-    found = {
-        one.name: next_rate_errors(flight, one, axes, parts=parts)[:, np.newaxis]
-        for flight, one in zip(flights, sets, strict=True)
-    }
-    return _paired(NEXT, (1,), found)
-
-
-def compared(each: Mapping[str, Mapping[str, Array]]) -> list[SetError]:
+def compared(segment_errors: Mapping[str, Mapping[str, Array]]) -> list[SetError]:
     """Return the table of errors (s, h) of sets by quantity, with each set paired with the first by segment."""
     return [
         row
         for quantity in QUANTITIES
-        for row in _paired(quantity, HORIZONS, {name: found[quantity] for name, found in each.items()})
+        for row in _paired(quantity, HORIZONS, {name: found[quantity] for name, found in segment_errors.items()})
     ]
 
 
-def _paired(quantity: str, horizons: Sequence[int], each: Mapping[str, Array]) -> list[SetError]:
+def _paired(quantity: str, horizons: Sequence[int], of_sets: Mapping[str, Array]) -> list[SetError]:
     """Return the rows of a quantity's errors (s, h) of sets after horizons in rows."""
-    first = next(iter(each.values()))
+    first = next(iter(of_sets.values()))
     coverage = float(stdtrit(len(first) - 1, 0.975))
     return [
         SetError(
@@ -179,29 +197,45 @@ def _paired(quantity: str, horizons: Sequence[int], each: Mapping[str, Array]) -
             half_width=coverage * float(np.std(more[:, place], ddof=1)) / math.sqrt(len(more)),
         )
         for place, rows in enumerate(horizons)
-        for name, found in each.items()
+        for name, found in of_sets.items()
         for more in (found - first,)
     ]
 
 
-def _check(flown: FlownLog, sets: Sequence[ParameterSet], used: Sequence[Measured]) -> None:
-    names = [one.name for one in sets]
-    if not names:
-        raise ConfigError("no parameter set: work in a campaign that has one, or name one by `with`.")
-    if len(set(names)) < len(names):
-        raise ConfigError(f"two parameter sets are called {max(names, key=names.count)}: name each once.")
-    for one in used:
-        if one.fitted_to(flown.log):
-            raise DataError(
-                f"{flown.log.path}: parameters of {one.name} were fitted to this flight: validate with another flight."
-            )
+def _not_excited(fit: FlightFit | None, axes: Sequence[str], *, lifts: bool) -> list[Finding]:
+    """Warn of a flight that shows no moment; a note names the axes about which it shows none."""
+    silent = [axis for axis in AXES if axis not in axes]
+    if not silent:
+        return []
+    reason = "a fit to it does not converge, as where air alone moves a vehicle"
+    if fit is not None:
+        moved = ", ".join(
+            f"about {motion.name} {motion.moved:.2g} rad/s^2 rms, {100 * max(motion.explained, 0):.0f} % of what "
+            f"changed, known to {100 * motion.open:.0f} %, for 20 s to {100 * motion.unclear:.0f} %"
+            for motion in turnings(fit)
+            if not motion.tells
+        )
+        reason = (
+            f"its rotors gave {moved} (at least {LEAST_TURN_RAD_PER_S2:g} rad/s^2 and {100 * EXPLAINED:.0f} %, or "
+            f"{100 * CALM:.0f} %, or {100 * EXPLAINED:.0f} % and at most {100 * CLEAR:g} % for 20 s; known to "
+            f"{100 * LOOSE:.0f} % at least)"
+        )
+    if axes:
+        text = f"this flight shows nothing of the moment about {' and '.join(silent)}: {reason}."
+        return [note("validation-not-excited", text)]
+    text = (
+        f"this flight shows nothing of {'moments' if lifts else 'moments and lags'}: {reason}. What turned it is "
+        "mostly something else, such as air, to which its autopilot answers, and that favours wrong sets: there are no "
+        "next rates to judge them by. Validate with quick tilts to the right and left, forward and back, for 20 s."
+    )
+    return [warning("validation-not-excited", text)]
 
 
 def _unpredicted(table: Sequence[SetError], flown: FlownLog, at: Rows) -> list[Finding]:
     """Warn of a flight whose rates every set predicts worse than no change would: other causes turned the vehicle."""
     place = HORIZONS.index(_TELLING_ROWS)
-    of_rates = [one for one in table if one.quantity == "rates" and one.horizon_s == ROW_S * _TELLING_ROWS]
-    best, still = min(of_rates, key=lambda one: one.error), float(unchanged(flown.flight, at)[place])
+    of_rates = [row for row in table if row.quantity == "rates" and row.horizon_s == ROW_S * _TELLING_ROWS]
+    best, still = min(of_rates, key=lambda row: row.error), float(unchanged(flown.flight, at)[place])
     if best.error <= still:
         return []
     text = (
@@ -212,13 +246,13 @@ def _unpredicted(table: Sequence[SetError], flown: FlownLog, at: Rows) -> list[F
     return [warning("validation-rates-unpredicted", text).at(flown.flight.name)]
 
 
-def _described(one: ParameterSet) -> str:
-    moments = ", ".join(f"{moment:.4g}" for moment in one.moments_kg_m2)
+def _described(parameters: ParameterSet) -> str:
+    moments = ", ".join(f"{moment:.4g}" for moment in parameters.moments_kg_m2)
     lag = "no lag"
-    if one.lag is not None:
-        lag = f"lags {1e3 * one.lag.rising_s:.0f} and {1e3 * one.lag.falling_s:.0f} ms"
-    body = f"{1e3 * one.mass_kg:.4g} g, lever {1e3 * LEVER * one.arm_m:.4g} mm, moments {moments} kg m^2"
-    return f"{one.name}: {body}, {lag}; from {one.origin}"
+    if parameters.lag is not None:
+        lag = f"lags {1e3 * parameters.lag.rising_s:.0f} and {1e3 * parameters.lag.falling_s:.0f} ms"
+    body = f"{1e3 * parameters.mass_kg:.4g} g, lever {1e3 * LEVER * parameters.arm_m:.4g} mm, moments {moments} kg m^2"
+    return f"{parameters.name}: {body}, {lag}; from {parameters.origin}"
 
 
 def _lines(table: Sequence[SetError], flown: FlownLog, at: Rows, judged: Sequence[str]) -> list[str]:
@@ -227,10 +261,11 @@ def _lines(table: Sequence[SetError], flown: FlownLog, at: Rows, judged: Sequenc
         f"mean errors over {counted(len(at), 'segment')} of 1 s; in brackets how much more than "
         f"{table[0].name}, with 95 % where it judges sets:"
     ]
-    for (quantity, horizon_s), group in groupby(table, lambda one: (one.quantity, one.horizon_s)):
-        words = [
-            f"{one.name} {one.error:.3g}" + (f" ({one.difference})" if place else "") for place, one in enumerate(group)
-        ]
+    for (quantity, horizon_s), group in groupby(table, lambda row: (row.quantity, row.horizon_s)):
+        words = []
+        for place, row in enumerate(group):
+            width = f" +- {row.half_width:.1g}" if row.tells else ""
+            words.append(f"{row.name} {row.error:.3g}" + (f" ({row.more:+.2g}{width})" if place else ""))
         what = f"{quantity} after {horizon_s:g} s, {UNITS.get(quantity, UNITS['velocity'])}"
         if quantity == NEXT:
             what = f"{NEXT} about {', '.join(judged)}, given those before, {UNITS['rates']}"
@@ -244,9 +279,9 @@ def _lines(table: Sequence[SetError], flown: FlownLog, at: Rows, judged: Sequenc
     ]
 
 
-def _assumed(telling: Telling, *, captured: bool, delay_s: float) -> str:
+def _assumed(*, lifts: bool, captured: bool, delay_s: float) -> str:
     which = "along all axes, by motion capture" if captured else "along the vehicle's vertical, by the accelerometer"
-    if not telling.vertical:
+    if not lifts:
         which = (
             "along the vehicle's vertical, by the accelerometer, at each set's mean thrust, since this flight's climbs "
             "do not show how thrust follows commands"

@@ -12,20 +12,18 @@ import pytest
 from scipy.ndimage import uniform_filter1d
 
 from cfid.errors import DataError
-from cfid.flight.data import FlownLog, flight_of, read_flight
-from cfid.flight.equations import THRUST, TURNS
+from cfid.flight.contradictions import turning_findings, velocity_findings
+from cfid.flight.data import FlownLog, read_flight
 from cfid.flight.estimation import FlightFit, fit_flights
 from cfid.flight.findings import contradictions
-from cfid.flight.likelihood import PAST, whitening, without
-from cfid.flight.moving import moving_findings
+from cfid.flight.model import PAST, THRUST, TURNS, whitening, without
 from cfid.flight.result import fit
 from cfid.flight.rows import Flight
-from cfid.flight.turning import turning_findings
 from cfid.flight.values import Body
 from cfid.recordings.crazyflie import channel
 from cfid.recordings.read import read_recording
 from tests.places import DATA
-from tests.recordings.made import only, with_series
+from tests.recordings.made import only
 
 Array = npt.NDArray[np.float64]
 
@@ -166,25 +164,6 @@ def test_circles_and_helices_give_drag_and_refuse_the_rest() -> None:
 
 
 @pytest.mark.parametrize(
-    ("factors", "said"),
-    [
-        ({"acc.x": 9.81, "acc.y": 9.81, "acc.z": 9.81}, "are they in m/s\\^2, not in g"),
-        ({"acc.x": 1 / 9.81, "acc.y": 1 / 9.81, "acc.z": 1 / 9.81}, "are they in g, not in m/s\\^2"),
-        ({"acc.y": -1.0, "acc.z": -1.0}, "z points down in this log"),
-    ],
-)
-def test_accelerations_in_another_unit_or_downwards_are_refused_with_what_they_look_like(
-    factors: dict[str, float], said: str
-) -> None:
-    name, from_s, to_s = LOG10
-    log = read_recording(FLIGHTS / name)
-    series = only(log)
-    columns = tuple(replace(one, values=one.values * factors.get(one.name, 1.0)) for one in series.columns)
-    with pytest.raises(DataError, match=said):
-        flight_of(with_series(log, replace(series, columns=columns)), from_s=from_s, to_s=to_s)
-
-
-@pytest.mark.parametrize(
     ("arm_m", "kept"),
     [(0.0046, False), (0.028, True), pytest.param(0.046, True, marks=pytest.mark.slow), (0.46, False)],
 )
@@ -192,7 +171,7 @@ def test_a_moment_that_no_quadrocopter_with_such_an_arm_has_is_rejected(arm_m: f
     result = fit([read(*HALVES[0])], body=replace(ARM, arm_m=arm_m))
     for axis in ("roll", "pitch"):
         assert (f"flight.inertia_kg_m2.{axis}" not in result.rejected) is kept
-    assert any("is the arm of" in one.text for one in result.findings) is not kept
+    assert ("flight-moment-unlike-arm" in [one.code for one in result.findings]) is not kept
 
 
 def turned(values: Array, degrees: float) -> Array:
@@ -201,140 +180,72 @@ def turned(values: Array, degrees: float) -> Array:
     return np.asarray(values @ np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1.0]]).T)
 
 
-def smoothed(values: Array) -> Array:
-    return np.asarray(uniform_filter1d(values, 5, axis=0))
-
-
-DEFECTS: dict[str, tuple[Callable[[Flight], Flight], str, str]] = {
-    "turned": (lambda one: replace(one, rates=turned(one.rates, -45)), "flight-axes-crossed", "by about 50 degrees"),
-    "exchanged axes": (
-        lambda one: replace(one, rates=one.rates[:, [1, 0, 2]]),
-        "flight-axes-crossed",
-        "rates about roll and pitch are exchanged",
+DEFECTS: dict[str, tuple[Callable[[Flight], Flight], str]] = {
+    "turned": (lambda one: replace(one, rates=turned(one.rates, -45)), "flight-axes-crossed"),
+    "exchanged axes": (lambda one: replace(one, rates=one.rates[:, [1, 0, 2]]), "flight-axes-crossed"),
+    "exchanged motors": (lambda one: replace(one, drive=one.drive[:, [1, 0, 2, 3]]), "flight-axes-crossed"),
+    "smoothed gyro": (
+        lambda one: replace(one, rates=np.asarray(uniform_filter1d(one.rates, 5, axis=0))),
+        "flight-torques-contradict",
     ),
-    "exchanged motors": (
-        lambda one: replace(one, drive=one.drive[:, [1, 0, 2, 3]]),
-        "flight-axes-crossed",
-        "motors have other numbers",
-    ),
-    "smoothed gyro": (lambda one: replace(one, rates=smoothed(one.rates)), "flight-torques-contradict", "smoothed"),
-    "scale of 0.7": (lambda one: replace(one, force=0.7 * one.force), "flight-weight-unlike", "0.73 g in the mean"),
+    "scale of 0.7": (lambda one: replace(one, force=0.7 * one.force), "flight-weight-unlike"),
 }
 
 
 @pytest.mark.parametrize(
     "defect", [pytest.param(one, marks=[pytest.mark.slow] * (one == "exchanged motors")) for one in DEFECTS]
 )
-def test_axes_motors_and_sensors_that_no_vehicle_has_are_named_and_lags_go_with_them(defect: str) -> None:
-    change, code, words = DEFECTS[defect]
+def test_axes_motors_and_sensors_that_no_vehicle_has_cost_moments_and_lags(defect: str) -> None:
+    change, code = DEFECTS[defect]
     flown = read(*HALVES[0])
     result = fit([replace(flown, flight=change(flown.flight))], body=ARM)
-    (first, *_) = [one for one in result.findings if one.code == code]
-    print(first.text)
-    assert first.severity == "rejection"
-    assert words in first.text
+    assert code in {one.code for one in result.findings if one.severity == "rejection"}
     assert {"flight.inertia_kg_m2.roll", "flight.inertia_kg_m2.pitch"} <= set(result.rejected)
     if code != "flight-weight-unlike":
         assert {"flight.rising_s", "flight.falling_s", "flight.single_lag_s"} <= set(result.rejected)
 
 
 CIRCLE, HELIX = "nanobench_B2_circle_fast_rep2.csv", "nanobench_B5_helix_fast_rep1.csv"
-UNLIKE_ATTITUDE: dict[str, tuple[Callable[[Flight], Flight], str]] = {
-    "roll the other way": (
-        lambda one: replace(one, rates=one.rates * [-1, 1, 1]),
-        "turns about roll against the attitude about roll:",
-    ),
-    "z down": (
-        lambda one: replace(one, rates=one.rates * [1, -1, -1]),
-        "about pitch against the attitude about pitch, about yaw against the attitude about yaw:",
-    ),
-    "exchanged": (
-        lambda one: replace(one, rates=one.rates[:, [1, 0, 2]]),
-        "about roll as the attitude about pitch, about pitch as the attitude about roll:",
-    ),
-    "from the world to the vehicle": (
-        lambda one: replace(one, attitude=np.asarray(one.attitude) * [1, -1, -1, -1]),
-        "about roll against the attitude about roll",
-    ),
+UNLIKE_ATTITUDE: dict[str, Callable[[Flight], Flight]] = {
+    "roll the other way": lambda one: replace(one, rates=one.rates * [-1, 1, 1]),
+    "z down": lambda one: replace(one, rates=one.rates * [1, -1, -1]),
+    "exchanged": lambda one: replace(one, rates=one.rates[:, [1, 0, 2]]),
+    "in deg/s": lambda one: replace(one, rates=np.degrees(one.rates)),
+    "from the world to the vehicle": lambda one: replace(one, attitude=np.asarray(one.attitude) * [1, -1, -1, -1]),
+}
+MOVED: dict[str, Callable[[Flight], Flight]] = {
+    "mm/s": lambda one: replace(one, velocity=1000 * np.asarray(one.velocity)),
+    "half": lambda one: replace(one, velocity=np.asarray(one.velocity) / 2),
+    "attitude stuck": lambda one: replace(one, attitude=np.asarray(one.attitude) * 0 + [1, 0, 0, 0]),
 }
 
 
 @pytest.mark.parametrize("log", [CIRCLE, HELIX])
-@pytest.mark.parametrize("defect", [None, *UNLIKE_ATTITUDE])
-def test_a_gyro_that_turns_unlike_the_attitude_beside_it_is_named(log: str, defect: str | None) -> None:
-    flown = read(log)
-    change, words = UNLIKE_ATTITUDE[defect] if defect else (lambda one: one, "")
-    found = turning_findings(change(flown.flight))
-
-    assert [one.code for one in found] == ["flight-gyro-unlike-attitude"] * bool(defect)
-    assert all(words in one.text for one in found)
+def test_motion_capture_that_moves_otherwise_than_the_sensors_is_found(log: str) -> None:
+    flight = read(log).flight
+    assert not turning_findings(flight)
+    assert not velocity_findings(flight)
+    for change in UNLIKE_ATTITUDE.values():
+        assert [one.code for one in turning_findings(change(flight))] == ["flight-gyro-unlike-attitude"]
+    for change in MOVED.values():
+        assert [one.code for one in velocity_findings(change(flight))] == ["flight-velocity-unlike-force"]
 
 
 def test_a_flight_that_contradicts_its_attitude_is_left_out_and_the_others_are_fitted() -> None:
     sound, other = read(CIRCLE), read(HELIX)
-    exchanged = replace(other, flight=UNLIKE_ATTITUDE["exchanged"][0](other.flight))
+    exchanged = replace(other, flight=UNLIKE_ATTITUDE["exchanged"](other.flight))
     alone, both = (fit(flights, body=ARM) for flights in ([sound], [exchanged, sound]))
     (first, *_) = both.findings
-
-    assert (first.code, first.severity) == ("flight-left-out", "warning")
-    assert f"{other.flight.name}: the gyro turns about roll as the attitude about pitch" in first.text
+    assert (first.code, first.severity, first.where) == ("flight-gyro-unlike-attitude", "warning", (other.flight.name,))
     assert both.quantities == alone.quantities
     assert both.rejected == alone.rejected
     assert [one.sha256 for one in both.sources] == [sound.log.source.sha256]
 
 
-MOVED: dict[str, tuple[Callable[[Flight], Flight], str, str]] = {
-    "mm/s": (
-        lambda one: replace(one, velocity=1000 * np.asarray(one.velocity)),
-        "flight-velocity-unlike-force",
-        "are they in mm/s, not in m/s? Divide vx, vy and vz by 1000.",
-    ),
-    "cm/s": (
-        lambda one: replace(one, velocity=100 * np.asarray(one.velocity)),
-        "flight-velocity-unlike-force",
-        "are they in cm/s, not in m/s? Divide vx, vy and vz by 100.",
-    ),
-    "half": (
-        lambda one: replace(one, velocity=np.asarray(one.velocity) / 2),
-        "flight-velocity-unlike-force",
-        "give vx, vy and vz in m/s",
-    ),
-    "stuck": (
-        lambda one: replace(one, attitude=np.asarray(one.attitude) * 0 + [1, 0, 0, 0]),
-        "flight-attitude-stuck",
-        "the attitude turns by 0 rad/s rms, the gyro by",
-    ),
-}
-
-
-@pytest.mark.parametrize("log", [CIRCLE, HELIX])
-@pytest.mark.parametrize("defect", [None, *MOVED])
-def test_motion_capture_that_moves_otherwise_than_the_sensors_is_named(log: str, defect: str | None) -> None:
-    change, code, words = MOVED[defect] if defect else (lambda one: one, "", "")
-    found = moving_findings(change(read(log).flight))
-
-    assert [(one.code, one.severity) for one in found] == [(code, "rejection")] * bool(defect)
-    assert all(words in one.text for one in found)
-
-
-@pytest.mark.parametrize(
-    ("log", "defect"),
-    [
-        (CIRCLE, None),
-        (CIRCLE, "half"),
-        *(
-            pytest.param(log, one, marks=pytest.mark.slow)
-            for log, one in ((HELIX, None), *((CIRCLE, one) for one in MOVED if one != "half"))
-        ),
-    ],
-)
-def test_motion_capture_that_moves_otherwise_than_the_sensors_costs_the_drag(log: str, defect: str | None) -> None:
-    flown = read(log)
-    change, code, _ = MOVED[defect] if defect else (lambda one: one, "", "")
-    result = fit([replace(flown, flight=change(flown.flight)) if defect else flown], body=ARM)
-
-    found = [one.code for one in result.findings if one.code in {code for _, code, _ in MOVED.values()}]
-    assert found == [code] * bool(defect)
+@pytest.mark.parametrize("defect", [None, "half", pytest.param("attitude stuck", marks=pytest.mark.slow)])
+def test_motion_capture_that_moves_otherwise_than_the_sensors_costs_the_drag(defect: str | None) -> None:
+    flown = read(CIRCLE)
+    result = fit([replace(flown, flight=MOVED[defect](flown.flight)) if defect else flown], body=ARM)
     assert ("flight.drag_over_mass_per_s.forward" in result.rejected) is bool(defect)
     if defect:
         assert not any("drag" in key for key in result.without_rejected().quantities)
@@ -342,7 +253,7 @@ def test_motion_capture_that_moves_otherwise_than_the_sensors_costs_the_drag(log
 
 def test_axes_that_the_attitude_shows_are_named_before_and_in_place_of_a_wrong_clock() -> None:
     flown = read(CIRCLE)
-    exchanged = UNLIKE_ATTITUDE["exchanged"][0](flown.flight)
+    exchanged = UNLIKE_ATTITUDE["exchanged"](flown.flight)
     first, *others = [one.code for one in contradictions(replace(flown, flight=exchanged), fit_flights([exchanged]))]
 
     assert first == "flight-gyro-unlike-attitude"
@@ -353,7 +264,7 @@ def test_a_scale_of_two_or_a_tilted_accelerometer_is_a_warning() -> None:
     flown = read(*HALVES[0])
     cos, sin = np.cos(np.radians(12)), np.sin(np.radians(12))
     tilted = flown.flight.force @ np.array([[cos, 0, sin], [0, 1, 0], [-sin, 0, cos]]).T
-    for force, code in ((2 * flown.flight.force, "flight-weight-apart"), (tilted, "flight-force-tilted")):
+    for force, code in ((2 * flown.flight.force, "flight-weight-unlike"), (tilted, "flight-force-tilted")):
         result = fit([replace(flown, flight=replace(flown.flight, force=force))], body=ARM)
         assert [one.severity for one in result.findings if one.code == code] == ["warning"]
 
@@ -368,14 +279,3 @@ def test_a_flight_as_two_formats_is_one(tmp_path: Path) -> None:
     pd.DataFrame({"t_s": series.time_s, **columns}).to_csv(copy, index=False)
     with pytest.raises(DataError, match=r"the same flight as eschmann_log15\.usd"):
         fit([read(*LOG15), read_flight(copy, from_s=LOG15[1], to_s=LOG15[2])], body=ARM)
-
-
-@pytest.mark.parametrize(("scale", "unit"), [(1 / 65535, "shares of one"), (100 / 65535, "per cent")])
-def test_commands_in_another_unit_are_refused_with_what_they_look_like(scale: float, unit: str) -> None:
-    log = read_recording(FLIGHTS / LOG10[0])
-    series = only(log)
-    columns = tuple(
-        replace(one, values=one.values * scale) if one.name.startswith("motor.") else one for one in series.columns
-    )
-    with pytest.raises(DataError, match=unit):
-        flight_of(with_series(log, replace(series, columns=columns)))

@@ -63,7 +63,7 @@ def test_a_map_is_judged_by_the_thrust_at_the_largest_command_that_was_measured(
 
 def test_a_moment_of_the_wrong_sign_whose_cause_is_named_is_not_rejected_as_that_of_another_body() -> None:
     key = "flight.inertia_kg_m2.yaw"
-    backwards = rejection("flight-rotors-turn-back", "its rotors turn the other way.", key)
+    backwards = rejection("flight-wrong-way", "its rotors turn the other way.", key)
     found = judged(replace(result(key, -3e-5, 1e-6), findings=(backwards,)), of("cf2"))
 
     assert found.findings == (backwards,)
