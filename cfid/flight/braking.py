@@ -51,23 +51,23 @@ def fit_drag(flights: Sequence[Flight], *, axis: int) -> AxisDrag | None:
     ]
     if ROW_S * _MEAN_ROWS * sum(len(block.shown) for block in blocks) < _SHORTEST_S:
         return None
-    found = np.zeros(1)
+    rate = np.zeros(1)
     rows, shown = np.zeros((0, 1)), np.zeros(0)
     for _ in range(_ROUNDS):
-        each = []
+        whitened = []
         for block in blocks:
-            left = without(block.shown - block.terms @ found, block.others)
+            left = without(block.shown - block.terms @ rate, block.others)
             white = whitening(block, left, rows=_PAST_MEANS)
-            each.append((white.of(block.terms), white.of(block.shown[:, np.newaxis])[:, 0]))
-        rows, shown = np.concatenate([one[0] for one in each]), np.concatenate([one[1] for one in each])
-        found = gain_of(rows) @ shown
-    covariance = sandwich(rows, shown - rows @ found, longest=len(shown) // (8 * len(blocks)))
+            whitened.append((white.of(block.terms), white.of(block.shown[:, np.newaxis])[:, 0]))
+        rows, shown = map(np.concatenate, zip(*whitened, strict=True))
+        rate = gain_of(rows) @ shown
+    covariance = sandwich(rows, shown - rows @ rate, longest=len(shown) // (8 * len(blocks)))
     velocity = np.concatenate([-without(block.terms[:, 0], block.others) for block in blocks])
     force = np.concatenate([without(block.shown, block.others) for block in blocks])
     return AxisDrag(
-        rate=float(found[0]),
+        rate=float(rate[0]),
         std=math.sqrt(float(covariance[0, 0])),
-        explained=float(1 - np.var(force + found[0] * velocity) / np.var(force)),
+        explained=float(1 - np.var(force + rate[0] * velocity) / np.var(force)),
         speed=float(np.std(velocity)),
         velocity=velocity,
         force=force,
@@ -78,8 +78,8 @@ def _block(flight: Flight, velocity: Array, axis: int) -> FlightEquation | None:
     """Return the equation of those segments of a flight that are long enough for the noise model."""
     columns = np.column_stack([-velocity[:, axis], np.ones(len(velocity)), flight.force[:, 2], flight.force[:, axis]])
     parts = [
-        block_means(columns[one].T, length=_MEAN_ROWS).T
-        for one in segments(flight.airborne, fewest=_FEWEST_MEANS * _MEAN_ROWS)
+        block_means(columns[part].T, length=_MEAN_ROWS).T
+        for part in segments(flight.airborne, fewest=_FEWEST_MEANS * _MEAN_ROWS)
     ]
     if not parts:
         return None

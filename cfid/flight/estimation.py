@@ -141,7 +141,7 @@ def fit_flights(flights: Sequence[Flight]) -> FlightFit:
 @lru_cache(1)
 def _fitted(flights: tuple[Flight, ...]) -> FlightFit:
     flown = [flight for flight in flights if segments(flight.driven)]
-    rows = sum(one.stop - one.start for flight in flown for one in segments(flight.driven))
+    rows = sum(part.stop - part.start for flight in flown for part in segments(flight.driven))
     if rows < _FEWEST:
         raise FitError(
             f"{rows / 100:.1f} s in the air with every motor within its range (limit {_FEWEST / 100:g} s): the vehicle "
@@ -153,24 +153,24 @@ def _fitted(flights: tuple[Flight, ...]) -> FlightFit:
     equations, result = settled(equations, begin)
     jacobian, residual = np.asarray(result.jac), np.asarray(result.fun)
     equations, step, slopes, left = _with_shares(equations, with_constant(result.x), jacobian, residual)
-    found, residual = with_constant(result.x + step), left[: len(residual)]
-    covariance = covariance_of(slopes, left, [one.basis for one in equations.white])[: len(step), : len(step)]
+    values, residual = with_constant(result.x + step), left[: len(residual)]
+    covariance = covariance_of(slopes, left, [white.basis for white in equations.white])[: len(step), : len(step)]
     covariance = np.apply_along_axis(with_constant, 1, np.apply_along_axis(with_constant, 0, covariance))
     excess = excess_of_older_torques(jacobian, residual, equations.white)
-    found = _undamped(found, equations)
-    covariance += _known_errors(flown, found, excess)
-    found, covariance = _levelled(found, covariance, [one for one in equations.at(found) if one.axis is None])
-    fitted = tuple((block, fitted_in(block, found)) for block in equations.at(found))
+    values = _undamped(values, equations)
+    covariance += _known_errors(flown, values, excess)
+    values, covariance = _levelled(values, covariance, [block for block in equations.at(values) if block.axis is None])
+    fitted = tuple((block, fitted_in(block, values)) for block in equations.at(values))
     drives = np.concatenate([flight.row_drives[flight.driven] for flight in flown])
     return FlightFit(
-        values=found,
+        values=values,
         covariance=covariance,
         in_volts=flown[0].in_volts,
         drive=float(np.mean(drives)),
         drive_range=(float(np.quantile(drives, 0.01)), float(np.quantile(drives, 0.99))),
         explained=explained_of(fitted, None),
         excitation=_excitation(fitted),
-        feedback=excess / np.maximum(np.abs(found[TURNS]), 1e-300),
+        feedback=excess / np.maximum(np.abs(values[TURNS]), 1e-300),
         rows=rows,
         blocks=fitted,
     )
@@ -291,7 +291,7 @@ def first_parameters(equations: Equations) -> Array:
     A much larger delay of the accelerometer than usual is chosen only if it clearly leaves less of the force
     unexplained: otherwise, lag and delay have nearly the same effect.
     """
-    best, found = np.inf, np.zeros(TURNS.stop)
+    least, nearest = np.inf, np.zeros(TURNS.stop)
     for tau_s, of_force_s in itertools.product(_STARTS_S, (DELAY_S, *_LATE_S)):
         p = _start(tau_s, of_force_s, DELAY_S)
         blocks = equations.at(p)
@@ -304,12 +304,12 @@ def first_parameters(equations: Equations) -> Array:
             torque = np.concatenate([without(block.terms @ p[THRUST], block.others) for block in turning])
             spun = np.concatenate([without(block.shown, block.others) for block in turning])
             p[TURNS.start + axis] = float(torque @ spun) / max(float(torque @ torque), 1e-300)
-        if cost < best:
-            best, found = cost, p
-    return found
+        if cost < least:
+            least, nearest = cost, p
+    return nearest
 
 
-def settled(equations: Equations, found: Array) -> tuple[Equations, OptimizeResult]:
+def settled(equations: Equations, p: Array) -> tuple[Equations, OptimizeResult]:
     """Return the equations whitened by the noise that they leave, and their solution: each is found from the other.
 
     In calm air and with an instrument that is mostly noise, a round moves some parameters by many standard
@@ -320,16 +320,16 @@ def settled(equations: Equations, found: Array) -> tuple[Equations, OptimizeResu
     """
     last = np.zeros(TURNS.stop - 1)
     for place in range(_MOST_ROUNDS):
-        equations = equations.whitened(found)
-        begin = _without_constant(found)
-        result = _improved(equations, begin, _without_constant(_scales(found)), whole=place < _WHOLE_ROUNDS)
+        equations = equations.whitened(p)
+        begin = _without_constant(p)
+        result = _improved(equations, begin, _without_constant(_scales(p)), whole=place < _WHOLE_ROUNDS)
         step, std = np.asarray(result.x) - begin, np.linalg.norm(gain_of(np.asarray(result.jac)), axis=1)
         if np.all(np.abs(step) <= _SETTLED * std):
             return equations, result
         moved = step / np.maximum(std, 1e-300)
         turned_back = float(moved @ last) < 0
-        share = equations.likeliest(found, with_constant(step)) if turned_back else 1.0
-        found, last = with_constant(begin + share * step), share * moved
+        share = equations.likeliest(p, with_constant(step)) if turned_back else 1.0
+        p, last = with_constant(begin + share * step), share * moved
     raise FitError(
         f"noise and parameters, found in turn, do not come to rest in {_MOST_ROUNDS} rounds: the flight's noise "
         "changes, or it does not tell lag, delays and moments apart. Fit a part of it (`from_s`, `to_s`), or fly "
@@ -396,8 +396,8 @@ def excess_of_older_torques(jacobian: Array, residual: Array, white: Sequence[Wh
     turns = jacobian[:, -len(AXES) :]
     older = np.zeros_like(turns)
     begin = 0
-    for one in white:
-        for length in one.lengths:
+    for equation in white:
+        for length in equation.lengths:
             end = begin + length - PAST
             older[begin + _OLDER : end] = turns[begin : end - _OLDER]
             begin = end
@@ -415,13 +415,13 @@ def covariance_of(jacobian: Array, residual: Array, taken: Sequence[Array]) -> A
     An imperfect model has a different error in each manoeuvre: where parts of 5 s scatter by more than noise explains,
     the covariance is increased.
     """
-    lengths = [len(one) for one in taken]
-    freedom = 1 - sum(one.shape[1] for one in taken) / len(residual)
+    lengths = [len(columns) for columns in taken]
+    freedom = 1 - sum(columns.shape[1] for columns in taken) / len(residual)
     covariance = sandwich(jacobian, residual, longest=max(len(residual) // (8 * len(lengths)), 10)) / freedom
     influence = gain_of(jacobian).T * residual[:, np.newaxis]
-    ends = [end for one in lengths for end in [*range(0, one - _PART // 2, _PART)]]
-    starts = np.repeat(np.cumsum([0, *lengths[:-1]]), [len(range(0, one - _PART // 2, _PART)) for one in lengths])
-    sums = np.add.reduceat(influence, starts + np.array(ends, dtype=int), axis=0)
+    begins = [range(0, length - _PART // 2, _PART) for length in lengths]
+    starts = np.repeat(np.cumsum([0, *lengths[:-1]]), list(map(len, begins)))
+    sums = np.add.reduceat(influence, starts + np.concatenate(begins).astype(int), axis=0)
     scatter = np.sum(sums**2, axis=0)
     wider = np.sqrt(np.maximum(scatter / np.maximum(np.diag(covariance), 1e-300), 1.0))
     return np.asarray(covariance * np.outer(wider, wider))
@@ -433,7 +433,7 @@ def _undamped(p: Array, equations: Equations) -> Array:
     Within a row, damping proportional to the rate cancels a part of the torque's effect in that row. The equation
     contains only the rate at the start of the row, so its gain lacks that part.
     """
-    found = p.copy()
+    corrected = p.copy()
     for axis in range(len(AXES)):
         damping = [
             (len(block.shown), float(white.others_in(block.shown - fitted_in(block, p))[DAMPING]))
@@ -441,8 +441,8 @@ def _undamped(p: Array, equations: Equations) -> Array:
             if block.axis == axis
         ]
         lost = -ROW_S * sum(rows * each for rows, each in damping) / sum(rows for rows, _ in damping)
-        found[TURNS.start + axis] *= 1 + lost / 2
-    return found
+        corrected[TURNS.start + axis] *= 1 + lost / 2
+    return corrected
 
 
 def _levelled(p: Array, covariance: Array, vertical: Sequence[FlightEquation]) -> tuple[Array, Array]:
@@ -457,8 +457,8 @@ def _levelled(p: Array, covariance: Array, vertical: Sequence[FlightEquation]) -
         forces.append(force - others[0] * block.others[:, 0])  # without the climb
         left.append(force - block.others @ others)
     mean = np.concatenate(terms).mean(axis=0)
-    found = slopes
-    found[THRUST.start] = float(np.concatenate(forces).mean()) / mean[0]
+    levelled = slopes
+    levelled[THRUST.start] = float(np.concatenate(forces).mean()) / mean[0]
     of_slopes = np.eye(len(p))
     of_slopes[THRUST.start, THRUST] = [0.0, *(-mean[1:] / mean[0])]
     spread = of_slopes @ covariance @ of_slopes.T
@@ -466,15 +466,15 @@ def _levelled(p: Array, covariance: Array, vertical: Sequence[FlightEquation]) -
     zero_std = _ZERO_STD * float(np.concatenate([block.shown for block in vertical]).mean())
     variance = float(np.var(means)) / max(len(means) - 1, 1) + zero_std**2
     spread[THRUST.start, THRUST.start] += variance / mean[0] ** 2
-    return found, spread
+    return levelled, spread
 
 
 def _excitation(fitted: Fitted) -> dict[str, float]:
-    found: dict[str, list[Array]] = {}
+    effects: dict[str, list[Array]] = {}
     for block, thrusts in fitted:
         name = "vertical" if block.axis is None else AXES[block.axis]
-        found.setdefault(name, []).append(without(thrusts, np.ones((len(thrusts), 1))))
-    return {name: float(np.std(np.concatenate(each))) for name, each in found.items()}
+        effects.setdefault(name, []).append(without(thrusts, np.ones((len(thrusts), 1))))
+    return {name: float(np.std(np.concatenate(each))) for name, each in effects.items()}
 
 
 def _start(tau_s: float, of_force_s: float, of_rates_s: float) -> Array:

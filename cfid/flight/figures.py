@@ -25,15 +25,15 @@ def flight_figure(
     fit: FlightFit, drags: Mapping[str, AxisDrag | None], findings: Sequence[Finding], *, title: str
 ) -> Figure:
     """Return the four most dynamic seconds of each equation with the rotors' contribution, and drag where known."""
-    known = {axis: one for axis, one in drags.items() if one is not None}
+    known = {axis: drag for axis, drag in drags.items() if drag is not None}
     heights = [1.7] * 4 + [2.4] * bool(known)
     rejections = [f"Rejected: {text}" for text in texts(findings, "rejection")]
     page, grid = figure(len(heights), 2, heights_in=heights, title=title, rejections=rejections)
     for place, axis in enumerate((None, 0, 1, 2)):
         same = [each for each in fit.blocks if each[0].axis == axis]
         _draw(page.add_subplot(grid[place, :]), "abcd"[place], *max(same, key=lambda each: float(np.std(each[1]))))
-    for place, (axis_name, one) in enumerate(known.items()):
-        _draw_drag(page.add_subplot(grid[4, place]), f"({'ef'[place]}) {axis_name}", one)
+    for place, (axis_name, drag) in enumerate(known.items()):
+        _draw_drag(page.add_subplot(grid[4, place]), f"({'ef'[place]}) {axis_name}", drag)
     return page
 
 
@@ -51,10 +51,10 @@ def _draw(axes: Axes, letter: str, block: FlightEquation, rotors: Array) -> None
     legend(axes)
 
 
-def _draw_drag(axes: Axes, name: str, one: AxisDrag) -> None:
+def _draw_drag(axes: Axes, name: str, drag: AxisDrag) -> None:
     name_panel(axes, name, x="velocity (m/s)", y="specific force (m/s²)")
-    step = max(len(one.velocity) // 800, 1)
-    axes.plot(one.velocity[::step], one.force[::step], ".", color=RECORDED, ms=2.5, label="measured")
-    ends = np.array([one.velocity.min(), one.velocity.max()])
-    axes.plot(ends, -one.rate * ends, color=MODEL, label=f"{one.rate:.3f} ± {one.std:.3f} 1/s")
+    step = max(len(drag.velocity) // 800, 1)
+    axes.plot(drag.velocity[::step], drag.force[::step], ".", color=RECORDED, ms=2.5, label="measured")
+    ends = np.array([drag.velocity.min(), drag.velocity.max()])
+    axes.plot(ends, -drag.rate * ends, color=MODEL, label=f"{drag.rate:.3f} ± {drag.std:.3f} 1/s")
     legend(axes)

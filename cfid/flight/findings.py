@@ -262,8 +262,8 @@ def _moment_findings(fit: FlightFit, body: Body, flown: FlownLog) -> list[Findin
             text = (
                 f"rotors' torques moved the rate about {axis} by {motion.moved:.2g} rad/s^2 rms and explain "
                 f"{100 * max(motion.explained, 0):.0f} % of its changes in {ROW_S * fit.rows:.0f} s; the moment is "
-                f"known to {100 * std / max(abs(gain), 1e-300):.2g} % (limit {100 * LOOSE:.0f} %), for 20 s to "
-                f"{100 * motion.unclear:.2g} % (at least {LEAST_TURN_RAD_PER_S2:g} rad/s^2, or {100 * EXPLAINED:.0f} % "
+                f"known to {100 * std / max(abs(gain), 1e-300):.0f} % (limit {100 * LOOSE:.0f} %), for 20 s to "
+                f"{100 * motion.unclear:.0f} % (at least {LEAST_TURN_RAD_PER_S2:g} rad/s^2, or {100 * EXPLAINED:.0f} % "
                 f"and {100 * CLEAR:g} % for 20 s): {_MANOEUVRES[axis]}{within}."
             )
             findings.append(rejection("flight-moment-not-excited", text, MOMENTS[axis]))

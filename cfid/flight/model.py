@@ -225,8 +225,8 @@ def _rows(flight: Flight, steps: Array) -> Array:
 
 
 def _cut(axis: int | None, shown: Array, terms: Array, others: Array, parts: Sequence[slice]) -> FlightEquation:
-    at = np.concatenate([np.arange(one.start, one.stop) for one in parts]) if parts else np.zeros(0, int)
-    return FlightEquation(axis, shown[at], terms[at], others[at], tuple(one.stop - one.start for one in parts))
+    at = np.concatenate([np.arange(part.start, part.stop) for part in parts]) if parts else np.zeros(0, int)
+    return FlightEquation(axis, shown[at], terms[at], others[at], tuple(part.stop - part.start for part in parts))
 
 
 @dataclass(frozen=True, eq=False)
@@ -309,20 +309,20 @@ class Equations:
 
         The likelihood is that of normal errors with the best-fitting sizes and autoregression.
         """
-        sizes = [[math.log(one.size) for one in self.whitened(p + share * step).white] for share in _SHARES]
-        rows = [len(one.basis) for one in self.white]
+        sizes = [[math.log(white.size) for white in self.whitened(p + share * step).white] for share in _SHARES]
+        rows = [len(white.basis) for white in self.white]
         return _SHARES[int(np.argmin(np.array(sizes) @ rows))]
 
     def at(self, p: Array) -> list[FlightEquation]:
         """Return the equations at the time constants and delays of parameters (10,)."""
         rising_s, falling_s, of_force_s, of_rates_s = map(float, p[: DELAYS.stop])
         lag, delays_s = ThrustLag(rising_s, falling_s), (of_force_s, of_rates_s)
-        return [one for equations in self.each for one in equations(lag, delays_s, self.of_command, self.unfiltered)]
+        return [block for flight in self.each for block in flight(lag, delays_s, self.of_command, self.unfiltered)]
 
     def residual(self, p: Array) -> Array:
         """Return the whitened errors (n,) of parameters (10,)."""
-        each = zip(self.at(p), self.white, strict=True)
-        return np.concatenate([one.of((block.shown - fitted_in(block, p))[:, np.newaxis])[:, 0] for block, one in each])
+        errors = [(block.shown - fitted_in(block, p))[:, np.newaxis] for block in self.at(p)]
+        return np.concatenate([white.of(error)[:, 0] for white, error in zip(self.white, errors, strict=True)])
 
     def jacobian(self, p: Array) -> Array:
         """Return the slopes (n, 10) of the whitened errors over the parameters."""
@@ -332,7 +332,7 @@ class Equations:
             step = _STEP * max(abs(float(p[place])), DELAY_S)
             ahead[place] += step
             moved = zip(self.at(ahead), blocks, strict=True)
-            columns.append([-(fitted_in(one, p) - fitted_in(block, p)) / step for one, block in moved])
+            columns.append([-(fitted_in(later, p) - fitted_in(block, p)) / step for later, block in moved])
         each = []
         for place, (block, white) in enumerate(zip(blocks, self.white, strict=True)):
             gains, turned = np.ones(3), np.zeros((len(block.shown), len(AXES)))
