@@ -60,7 +60,7 @@ _SMOOTHED_S = (0.0, *np.geomspace(0.003, 1.0, 30).tolist())  # first-order low-p
 _LEAST_SHOWN = 0.5  # of its variance within 5 s: what the load has to explain
 # Of what remains unexplained without smoothing: a motor's current that leads its speed is much like one.
 _CLEARLY = 0.85
-_MOST_HIDDEN = 0.003  # of the voltage, rms: what a low-pass may take from the sag; moments then err by 0.6 %
+_LATE_S = 0.01  # the largest time constant of a low-pass: moments then err by 0.3 % at most
 _RELAXING_S = 1.5  # the time in which a cell sags further
 _MEAN_S = 0.02  # over which values are averaged: otherwise, noise of 20 mV in rows of 2 ms hides the load
 
@@ -284,18 +284,17 @@ def _voltage_fault(flown: FlownLog, voltmeter: Timed, fit: FlightFit) -> str | N
         return np.asarray(means - basis @ (basis.T @ means))
 
     shown = quick(volts[:, np.newaxis])[:, 0]
-    unexplained, hidden = [], []
+    unexplained = []
     for smoothed_s in _SMOOTHED_S:
         smoothed = _low_passed(loads, smoothed_s)
-        factors, error = nnls(quick(np.column_stack([np.interp(time_s, at_s, load) for load in smoothed.T])), -shown)
+        _, error = nnls(quick(np.column_stack([np.interp(time_s, at_s, load) for load in smoothed.T])), -shown)
         unexplained.append(error**2 / max(float(shown @ shown), 1e-300))
-        hidden.append(float(np.std(((smoothed - loads) @ factors)[flight.step_driven]) / np.mean(volts)))
     best = int(np.argmin(unexplained))
     if unexplained[best] > 1 - _LEAST_SHOWN:
         explained = 100 * (1 - unexplained[best])
         return f"does not show what rotors draw, which explains {explained:.0f} % of how it changes within 5 s"
-    if unexplained[best] < _CLEARLY * unexplained[0] and hidden[best] > _MOST_HIDDEN:
-        return f"is smoothed or late, which takes {100 * hidden[best]:.1g} % of it rms from its sag under load"
+    if unexplained[best] < _CLEARLY * unexplained[0] and _SMOOTHED_S[best] > _LATE_S:
+        return f"is late, as if smoothed by {1e3 * _SMOOTHED_S[best]:.0f} ms (limit {1e3 * _LATE_S:.0f} ms)"
     return None
 
 
