@@ -11,6 +11,7 @@ from cfid.errors import CfidError, ConfigError, DataError
 from cfid.recordings.angle import AngleRecord, angle_of, counts_per_turn
 from cfid.recordings.read import read_recording
 from cfid.recordings.recording import How
+from cfid.records.rig_file import EncoderScale
 from cfid.swing.pendulum import NO_THREADS
 from cfid.swing.result import estimate
 from cfid.wire.rls import encode_positions
@@ -269,5 +270,5 @@ def test_a_file_of_unknown_clock_gives_the_swing_s_frequency(tmp_path: Path) -> 
         speed += step_s * (-60 * np.sin(angle) - 0.02 * speed)
         angle += step_s * speed
     text = text_of(2e-3 * np.arange(10_000) + EPOCH_S, np.degrees(angles[::4]), "timestamp,angle_deg")
-    found = estimate(read(tmp_path, text), NO_THREADS, method="default")
+    found = estimate(read(tmp_path, text), NO_THREADS, EncoderScale(), method="default")
     assert found.coefficients.natural_frequency_squared_s2 == pytest.approx(60, rel=2e-4)
