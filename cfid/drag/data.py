@@ -19,11 +19,10 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from cfid.console.facts import assumed
 from cfid.counted import counted
 from cfid.drag.model import DragExperiments
 from cfid.drag.plan import FASTEST_MPS, HIGHEST_DEG, KIND, WindSetting, setting_of
-from cfid.errors import CfidError, DataError, FitError
+from cfid.errors import CfidError, ConfigError, DataError, FitError
 from cfid.estimate.signals import quiet_mean
 from cfid.estimate.staircase import Point, Words, reduce_single
 from cfid.findings import Finding, joined, merged, note, rejection, texts, warning
@@ -39,16 +38,13 @@ from cfid.recordings.table import read_table
 from cfid.recordings.vehicle import COMMANDS, READINGS, Rows, TakenBackError, holds, read_rows
 from cfid.recordings.wrench import WrenchRecord, rotation_about_z, wrench_of
 from cfid.records.parameters import Source
-from cfid.records.rig_file import NONE_STATED, RigFacts, WindStand
+from cfid.records.rig_file import NONE_STATED, RigFacts, Tachometer, WindStand
 from cfid.records.run import Run, refuse_contradiction, run_at, run_holding
 from cfid.units import DEAD_COMMAND, FULL_COMMAND, ROTORS
 
 Array = npt.NDArray[np.float64]
 Window = tuple[float, float]
 
-AZIMUTH_DEG = math.degrees(0.4967)  # C.3.1, from figure 4.9
-YAW_DEG = 45.0  # C.3.1, prepare_data
-MARKERS = 2  # reflective strips of the tachometer's rotor, eq. 3.2
 UNSTATED_WIND_STD = 0.05  # relative standard uncertainty, used if the spread of the wind's readings is not stated
 
 INDEX_COLUMNS = ("command", "angle_deg", "wind_min_mps", "wind_max_mps", "tach_rpm", "loadcell")
@@ -86,6 +82,8 @@ class WindReading:
 
 
 AS_THEY_ARE = WindReading()
+# A verdict on forces and speeds needs no mount, which rig.toml may state later.
+_ANYHOW = WindReading(given=RigFacts(wind=WindStand(yaw_deg=0, azimuth_deg=0), tachometer=Tachometer(markers=1)))
 
 
 class Reduced(NamedTuple):
@@ -152,7 +150,7 @@ def read_index(path: Path, *, how: WindReading = AS_THEY_ARE) -> DragExperiments
 
 def verdict(run: Run) -> str:
     """State how many commands of a new run give a mean force. Raises DataError or FitError where few do."""
-    points, steps = reduce_run(run.folder).points, len(StaircasePlan.of_run(run).steps)
+    points, steps = reduce_run(run.folder, _ANYHOW).points, len(StaircasePlan.of_run(run).steps)
     if len(points) < _USABLE * steps:
         raise FitError(f"only {len(points)} of {steps} commands give a force with the rotors' speed.")
     std_n = float(pd.DataFrame(points)[FORCE_STD].to_numpy().max())
@@ -182,7 +180,8 @@ def reduce_run(path: Path, how: WindReading = AS_THEY_ARE, *, read_later: frozen
     with suppress(TakenBackError):
         readings = read_rows(run, READINGS) if holds(run, READINGS) else None
     volts = staircase.volts(steps)
-    findings = [*assumptions(facts, setting, typed=readings is not None), *(readings.findings if readings else ())]
+    _refuse_unstated(record.name, facts, setting, typed=readings is not None)
+    findings = [*(readings.findings if readings else ())]
     points, unknown = [], []
     for place, step in enumerate(steps):
         rpm = _typed_rpm(readings, staircase.began_s, step)
@@ -210,7 +209,7 @@ def reduce_run(path: Path, how: WindReading = AS_THEY_ARE, *, read_later: frozen
             *(warning("drag-rotor-speed-unknown", f"{error} It is left out.", "drag.*") for error in unknown),
         ),
         sources=(*staircase.sources, *([readings.source] if readings else [])),
-        rig=_with_yaw(facts),
+        rig=facts,
         by_tachometer=readings is not None,
     )
 
@@ -275,7 +274,9 @@ def reduce_row(row: dict[str, Any], how: WindReading) -> Reduced:
     name = f"{row['where']} {row['loadcell'].name}"
     read = wrench_of(read_recording(row["loadcell"]), gain=facts.loadcell.gain)
     record = read.without_stuck()
-    findings, points = assumptions(facts, setting, typed=rpm is not None), []
+    _refuse_unstated(name, facts, setting, typed=rpm is not None)
+    findings: list[Finding] = []
+    points = []
     try:
         speed = 0.0
         mean = MeanForce(np.zeros(3), np.zeros(3), (0.0, 0.0), ())
@@ -296,7 +297,7 @@ def reduce_row(row: dict[str, Any], how: WindReading) -> Reduced:
         points=points,
         findings=(*about_drag(record.findings), *(finding.at(record.path.name) for finding in findings)),
         sources=(record.source,),
-        rig=_with_yaw(facts),
+        rig=facts,
         by_tachometer=bool(points) and rpm is not None,
     )
 
@@ -382,7 +383,7 @@ def _rotor_rad_s(
     cannot be found.
     """
     if rpm:
-        return float(rotor_speed_rad_s(rpm, markers=facts.tachometer.markers or MARKERS))
+        return float(rotor_speed_rad_s(rpm, markers=facts.tachometer.markers or 1))
     if setting.is_reference:
         return 0.0
     rate_hz = (len(record.time_s) - 1) / float(record.time_s[-1] - record.time_s[0])
@@ -403,22 +404,17 @@ def _rotor_rad_s(
 
 def _point(force_n: Array, std_n: Array, facts: RigFacts, setting: WindSetting) -> dict[str, Any]:
     """Return the wind, and a force (3,) in the load cell's frame turned into the body frame, as a row."""
-    turn = rotation_about_z(YAW_DEG if facts.yaw_in_wind_deg is None else facts.yaw_in_wind_deg)
+    turn = rotation_about_z(facts.yaw_in_wind_deg or 0.0)
     signed = force_n * (1, 1, -1 if facts.loadcell.flip_fz else 1)
     azimuth = facts.wind.azimuth_deg if setting.azimuth_deg is None else setting.azimuth_deg
     return {
         "angle_deg": math.nan if setting.angle_deg is None else setting.angle_deg,
         "min_mps": setting.min_mps,
         "max_mps": setting.max_mps,
-        "azimuth_deg": AZIMUTH_DEG if azimuth is None else azimuth,
+        "azimuth_deg": azimuth or 0.0,  # a reference needs none
         **dict(zip(FORCE, turn @ signed, strict=True)),
         **dict(zip(FORCE_STD, np.sqrt(turn**2 @ std_n**2), strict=True)),
     }
-
-
-def _with_yaw(facts: RigFacts) -> RigFacts:
-    """Return the facts with the default yaw if none was stated."""
-    return facts if facts.yaw_in_wind_deg is not None else RigFacts(wind=WindStand(yaw_deg=YAW_DEG)).over(facts)
 
 
 _FROM_VIBRATION = note(
@@ -433,23 +429,18 @@ def about_drag(findings: Sequence[Finding]) -> tuple[Finding, ...]:
     return tuple(replace(finding, quantities=("drag.*",)) for finding in findings)
 
 
-def assumptions(stated: RigFacts, setting: WindSetting, *, typed: bool) -> list[Finding]:
-    """Return notes on facts that a run in wind or a reference needs and that were not stated."""
+def _refuse_unstated(name: str, stated: RigFacts, setting: WindSetting, *, typed: bool) -> None:
+    """Raise ConfigError for a fact that a run in wind or a reference needs and that nothing states."""
     windy = not setting.is_reference
     azimuth_stated = setting.azimuth_deg is not None or stated.wind.azimuth_deg is not None
-    missing = {
-        "yaw_deg": (stated.yaw_in_wind_deg is None, f"a yaw of {YAW_DEG:g} degrees on the load cell is"),
-        "azimuth_deg": (windy and not azimuth_stated, f"an azimuth of {AZIMUTH_DEG:.2f} degrees is"),
-        "markers": (
-            windy and typed and stated.tachometer.markers is None,
-            f"{MARKERS} markers of the tachometer are",
-        ),
+    lacking = {
+        "yaw_deg": (stated.yaw_in_wind_deg is None, "the load cell's yaw"),
+        "azimuth_deg": (windy and not azimuth_stated, "the wind's azimuth"),
+        "markers": (windy and typed and stated.tachometer.markers is None, "the tachometer's markers"),
     }
-    return [
-        note("fact-assumed", assumed(what, name), "drag.*")
-        for name, (is_missing, what) in missing.items()
-        if is_missing
-    ]
+    for setting_name, (is_missing, what) in lacking.items():
+        if is_missing:
+            raise ConfigError(f"{name}: no rig.toml stated {what} when it was recorded: give `{setting_name}`.")
 
 
 # From points to experiments

@@ -27,6 +27,7 @@ from tests.drag.wind_in_a_folder import (
     DRIVEN,
     EQ_4_8,
     HEAD,
+    MOUNT,
     STILL,
     WINDS,
     Row,
@@ -41,6 +42,7 @@ Cfid = Callable[..., subprocess.CompletedProcess[str]]
 Array = npt.NDArray[np.float64]
 
 TABLE = "command,angle_deg,vx_mps,vy_mps,vz_mps,speed_sum_rad_s,fx_n,fy_n,fz_n"
+ON_THE_THESIS_RIG = ("--geometry", "thesis")
 GROUPS = [("each", 90), ("lateral", 90), ("command", 12), ("wind", 10), ("angle", 2)]
 
 
@@ -57,7 +59,7 @@ def tunnel(unspoilt: WindFolder, tmp_path: Path) -> WindFolder:
 
 def read(index: Path, *, method: Method = "default", **wind: float) -> DragExperiments:
     given = RigFacts(wind=WindStand(**wind))
-    return drag.read_index(index, how=WindReading(method, given))
+    return drag.read_index(index, how=WindReading(method, given, MOUNT))
 
 
 def write_table(path: Path, experiments: DragExperiments) -> Path:
@@ -77,7 +79,7 @@ def fitted(ended: subprocess.CompletedProcess[str]) -> dict[str, Any]:
 
 
 def test_an_index_of_recordings_gives_the_coefficients_that_act(cfid: Cfid, tunnel: WindFolder) -> None:
-    found = fitted(cfid("fit", "drag", "--index", tunnel.write(), "--json"))
+    found = fitted(cfid("fit", "drag", *ON_THE_THESIS_RIG, "--index", tunnel.write(), "--json"))
 
     simple = found["parameters"]["drag.simple_kg_per_rad"]
     assert simple["unit"] == "kg/rad"
@@ -149,9 +151,9 @@ def test_kappa_4_is_unresolved_from_one_azimuth_and_resolved_from_two(tmp_path: 
     turned = [wind._replace(azimuth_rad=wind.azimuth_rad + 2.0) for wind in WINDS[1:]]
     both = recorded(tmp_path, air=mended, winds=[*WINDS, *turned])
     head = (*HEAD, "azimuth_deg")
-    two = drag.fit([], index=both.write(head=head), mended=True)
+    two = drag.fit([], index=both.write(head=head), rig=MOUNT, mended=True)
     both.rows = [row for row in both.rows if row["azimuth_deg"] in ("", row_azimuth(both))]
-    one = drag.fit([], index=both.write(head=head), mended=True)
+    one = drag.fit([], index=both.write(head=head), rig=MOUNT, mended=True)
 
     assert one.quality["unresolved"] == ("kappa_4",)
     assert one.quality["kappa_4_times"] == "|v_xy|"
@@ -206,7 +208,7 @@ def test_the_thesis_method_takes_the_tare_of_the_first_500_samples(tmp_path: Pat
 
 def test_a_campaign_keeps_the_result_and_its_figures(cfid: Cfid, tunnel: WindFolder) -> None:
     (tunnel.folder / RIG_FILE).write_text(new_rig_text())
-    ended = cfid("fit", "drag", "--index", tunnel.write())
+    ended = cfid("fit", "drag", *ON_THE_THESIS_RIG, "--index", tunnel.write())
 
     assert ended.returncode == 0, ended.stderr
     kept = (tunnel.folder / "parameters.toml").read_text()
@@ -219,12 +221,12 @@ def test_a_campaign_keeps_the_result_and_its_figures(cfid: Cfid, tunnel: WindFol
 def test_a_swapped_file_is_named_with_code_5_and_force_gives_the_numbers(cfid: Cfid, tunnel: WindFolder) -> None:
     exchange(*(tunnel.row(command, WINDS[2]) for command in DRIVEN))
     index = tunnel.write()
-    ended = cfid("fit", "drag", "--index", index, "--no-figures", "--json")
+    ended = cfid("fit", "drag", *ON_THE_THESIS_RIG, "--index", index, "--no-figures", "--json")
     assert ended.returncode == 5, ended.stdout
     assert json.loads(ended.stdout)["parameters"] == {}
     assert "Traceback" not in ended.stderr
 
-    forced = fitted(cfid("fit", "drag", "--index", index, "--no-figures", "--json", "--force"))
+    forced = fitted(cfid("fit", "drag", *ON_THE_THESIS_RIG, "--index", index, "--no-figures", "--json", "--force"))
     assert not forced["accepted"]
     assert "drag.simple_kg_per_rad" in forced["parameters"]
 
@@ -279,13 +281,13 @@ def test_a_load_cell_that_was_stuck_costs_its_samples_or_its_file_and_is_named(
     tmp_path: Path, axis: str, begin: float, share: float, left: int
 ) -> None:
     tunnel = recorded(tmp_path)
-    whole = drag.fit([], index=tunnel.write())
+    whole = drag.fit([], index=tunnel.write(), rig=MOUNT)
     name = tunnel.row(40000, WINDS[1])["loadcell"]
     table = pd.read_csv(tmp_path / name)
     rows = slice(round(begin * len(table)), round((begin + share) * len(table)))
     table.loc[rows.start : rows.stop - 1, f"{axis}_counts"] = 0 if axis == "Fx" else -1_000_000
     table.to_csv(tmp_path / name, index=False)
-    found = drag.fit([], index=tunnel.write())
+    found = drag.fit([], index=tunnel.write(), rig=MOUNT)
 
     said = f"{axis} repeats one value in {rows.stop - rows.start} of {len(table)} samples"
     assert any(said in one.text for one in found.findings if one.code == "force-stuck")
@@ -349,13 +351,13 @@ def test_wrong_options_are_usage_errors_and_a_missing_reference_is_wrong_data(cf
         (("--intercepts", "--parasitic"), "cannot be distinguished: choose one"),
         (("--table", index), "give it alone"),
     ):
-        ended = cfid("fit", "drag", "--index", index, *options)
+        ended = cfid("fit", "drag", *ON_THE_THESIS_RIG, "--index", index, *options)
         assert (ended.returncode, ended.stdout) == (2, "")
         assert sentence in ended.stderr
     assert "nothing to fit" in cfid("fit", "drag").stderr
     for command in DRIVEN:
         tunnel.rows.remove(tunnel.row(command, STILL))
-    ended = cfid("fit", "drag", "--index", tunnel.write())
+    ended = cfid("fit", "drag", *ON_THE_THESIS_RIG, "--index", tunnel.write())
     assert (ended.returncode, ended.stdout) == (4, "")
     assert "no run without wind at command 20000, 40000" in ended.stderr
 
@@ -375,7 +377,7 @@ def test_the_azimuth_of_a_row_stands_before_that_of_an_option(tunnel: WindFolder
 def test_a_vehicle_that_was_turned_the_other_way_is_rejected(
     tunnel: WindFolder, yaw_deg: float, direction: str
 ) -> None:
-    result = drag.fit([], index=tunnel.write(), yaw_deg=yaw_deg)
+    result = drag.fit([], index=tunnel.write(), rig=MOUNT, yaw_deg=yaw_deg)
     (found,) = (one for one in result.findings if one.code == "drag-across-wind")
 
     assert re.search(f"in x and y the forces point {direction} of the wind that should cause them", found.text)

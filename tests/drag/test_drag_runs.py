@@ -15,10 +15,11 @@ from cfid.drag.model import DragExperiments
 from cfid.drag.plan import WindSetting, recorded
 from cfid.errors import DataError, FitError
 from cfid.records.files import RIG_FILE
-from cfid.records.rig_file import NONE_STATED, LoadCellMount, RigFacts, Tachometer, WindStand, new_rig_text
+from cfid.records.rig_file import LoadCellMount, RigFacts, Tachometer, WindStand, new_rig_text
 from cfid.records.run import DeviceRecord, Label, Run, read_run, write_header
 from cfid.records.run_writer import create_run
 from cfid.sim.propulsion import BatteryTruth, RotorTruth, WindTruth
+from tests.drag.wind_in_a_folder import MOUNT
 from tests.motors.stand_in_a_folder import BEGIN_S, COLUMNS, climbed, write_run
 
 Cfid = Callable[..., subprocess.CompletedProcess[str]]
@@ -52,7 +53,7 @@ def blown(
     typed: int = 2,
     rate_hz: float = 1000.0,
     seed: int = 3,
-    facts: RigFacts = NONE_STATED,
+    facts: RigFacts = MOUNT,
     resumes: str = "",
 ) -> Run:
     """Write a run as `cfid log wind` records it, in a wind that was read within 2 %."""
@@ -121,26 +122,37 @@ def test_runs_keep_yaw_azimuth_markers_and_sign_whatever_rig_toml_says_later(cam
     mounted = WindTruth(angle_deg=77.9, speed_mps=3.6, azimuth_deg=-60.0, yaw_deg=10.0)
     usual: list[Run] = []
     own: list[Run] = []
-    for into, stated, wind in ((own, facts, mounted), (usual, NONE_STATED, WINDS[3])):
+    for into, stated, wind in ((own, facts, mounted), (usual, MOUNT, WINDS[3])):
         into += [blown(campaign, WINDS[0], facts=stated), blown(campaign, wind, facts=stated)]
-    found, assumed = drag.read_runs(own), drag.read_runs(usual)
+    found, of_thesis = drag.read_runs(own), drag.read_runs(usual)
 
     velocity, force = (np.mean(each, axis=0) for each in (found.velocity_mps, found.force_n))
     assert math.degrees(math.atan2(-velocity[1], velocity[0])) == pytest.approx(-60)
     assert -force[:2] @ velocity[:2] / np.linalg.norm(force[:2]) / np.linalg.norm(velocity[:2]) > 0.98
-    assert found.speed_sum_rad_s * 2 == pytest.approx(assumed.speed_sum_rad_s)
-    assert force[2] > 0 > assumed.force_n[:, 2].mean()
-    assert not any("assumed" in text for text in texts(found))
-    notes = [one.text for one in assumed.findings if one.code == "fact-assumed"]
-    assert len(notes) == 3
-    names = ", ".join(run.folder.name for run in usual)
-    assert f"{names}: a yaw of 45 degrees on the load cell is assumed, as in version 0.1" in notes[0]
-    assert "an azimuth of 28.46 degrees is assumed" in notes[1]
-    assert "2 markers of the tachometer are assumed" in notes[2]
+    assert found.speed_sum_rad_s * 2 == pytest.approx(of_thesis.speed_sum_rad_s)
+    assert force[2] > 0 > of_thesis.force_n[:, 2].mean()
+
+
+@pytest.mark.parametrize(
+    ("stated", "lacks"),
+    [
+        (RigFacts(wind=WindStand(azimuth_deg=0.0), tachometer=Tachometer(markers=2)), "yaw"),
+        (RigFacts(wind=WindStand(yaw_deg=0.0), tachometer=Tachometer(markers=2)), "azimuth"),
+        (RigFacts(wind=WindStand(yaw_deg=0.0, azimuth_deg=0.0)), "markers"),
+    ],
+)
+def test_a_mount_that_nothing_states_is_asked_for(campaign: Path, cfid: Cfid, stated: RigFacts, lacks: str) -> None:
+    for wind in (WINDS[0], WINDS[3]):
+        blown(campaign, wind, facts=stated)
+    ended = cfid("fit", "drag", "--json", folder=campaign)
+
+    assert (ended.returncode, lacks in ended.stderr) == (2, True)
 
 
 def test_the_drawing_of_the_rig_has_the_wind_of_each_angle_in_the_view_from_the_side(campaign: Path) -> None:
-    facts = RigFacts(loadcell=LoadCellMount(yaw_deg=10.0), wind=WindStand(azimuth_deg=-60.0))
+    facts = RigFacts(
+        loadcell=LoadCellMount(yaw_deg=10.0), wind=WindStand(azimuth_deg=-60.0), tachometer=Tachometer(markers=2)
+    )
     result = drag.fit([blown(campaign, wind, seed=seed, facts=facts) for seed, wind in enumerate(WINDS)])
     above, side = result.figures()["drag_rig"].axes
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from cfid.records.rig_file import RigFacts, Tachometer, WindStand
 from tests.drag.wind_tunnel import COMMANDS, SHOWN_RPM, Air, SimpleAir, Tunnel, Wind, record
 
 BEGIN_S = 1_763_712_345.0
@@ -16,6 +17,8 @@ EQ_4_8 = np.array([-9.1785e-7, -9.1785e-7, -10.311e-7])
 STILL = Wind(float("nan"), 0.0, 0.0)
 WINDS = (Wind(0.0, 2.9, 3.1), Wind(48.4, 2.4, 2.6), Wind(48.4, 3.9, 4.1), Wind(77.9, 3.4, 3.6))
 DRIVEN = (20000, 40000)
+# C.3.1 of the thesis.
+MOUNT = RigFacts(wind=WindStand(yaw_deg=45.0, azimuth_deg=math.degrees(0.4967)), tachometer=Tachometer(markers=2))
 HEAD = ("command", "angle_deg", "wind_min_mps", "wind_max_mps", "tach_rpm", "loadcell")
 
 Row = dict[str, str]
