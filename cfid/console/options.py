@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -9,6 +10,12 @@ import typer
 
 _OUTPUT = "Output"
 _RIG = "Vehicle and rig"
+
+
+def panel(name: str) -> Callable[..., Any]:
+    """Return a typer.Option whose options stand together in a panel of --help."""
+    return partial(typer.Option, rich_help_panel=name)
+
 
 Method = Annotated[Literal["default", "thesis"], typer.Option(help="'thesis' applies the thesis method.")]
 

@@ -79,6 +79,7 @@ class ExperimentOptions(VehicleOptions):
     ] = False
 
 
+CellRateHz = Annotated[int | None, typer.Option(min=1, help="Load-cell samples per second; default: rig.toml's.")]
 LogMs = Annotated[
     int,
     typer.Option(min=1, max=1000, help="Milliseconds between rows of the vehicle's log.", rich_help_panel=VEHICLE),

@@ -4,15 +4,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
-import typer
-
 from cfid.console.flat import flat
 from cfid.console.labels import Note
 from cfid.console.messages import clock, echo, fitted
-from cfid.console.options import positive
-from cfid.console.recording import KeepOptions, ResumeOptions, rig_of
+from cfid.console.options import panel, positive
+from cfid.console.recording import DryRun, KeepOptions, ResumeOptions, rig_of
 from cfid.console.selection import interrupted
-from cfid.console.vehicle import ExperimentOptions, LogMs, Motor, motors_of
+from cfid.console.vehicle import CellRateHz, ExperimentOptions, LogMs, Motor, motors_of
 from cfid.counted import counted
 from cfid.errors import ConfigError
 from cfid.lazy import later
@@ -22,16 +20,15 @@ if TYPE_CHECKING:
     from cfid.motors.plan import StaircasePlan
     from cfid.records.campaign import Campaign
 
-_STAIRCASE, _INSTRUMENT = "Staircase", "Instrument"
+_staircase_option, _instrument_option = panel("Staircase"), panel("Instrument")
 
 Tachometer = Literal["typed", "ut372", "lines", "deck", "brushless"]
 
 Wait = Annotated[
     float | None,
-    typer.Option(
+    _instrument_option(
         metavar="S",
         help="Longest wait for a typed reading while motors run, then they pause until you resume; default: 60 s.",
-        rich_help_panel=_INSTRUMENT,
     ),
 ]
 
@@ -44,33 +41,22 @@ _SCALES_BAUD = 9600
 class StaircaseOptions:
     """The commands, and how long each is held."""
 
-    from_: Annotated[
-        int, typer.Option("--from", min=0, max=FULL_COMMAND, help="First command.", rich_help_panel=_STAIRCASE)
-    ] = 0
-    to: Annotated[int, typer.Option(min=0, max=FULL_COMMAND, help="Last command.", rich_help_panel=_STAIRCASE)] = 64000
+    from_: Annotated[int, _staircase_option("--from", min=0, max=FULL_COMMAND, help="First command.")] = 0
+    to: Annotated[int, _staircase_option(min=0, max=FULL_COMMAND, help="Last command.")] = 64000
     step: Annotated[
         int | None,
-        typer.Option(min=1, help="Difference between commands; default: as in the thesis.", rich_help_panel=_STAIRCASE),
+        _staircase_option(min=1, help="Difference between commands; default: as in the thesis."),
     ] = None
     down: Annotated[
         bool,
-        typer.Option("--down", help="Also step down again, to separate the battery's sag.", rich_help_panel=_STAIRCASE),
+        _staircase_option("--down", help="Also step down again, to separate the battery's sag."),
     ] = False
-    hold: Annotated[
-        float | None, typer.Option(metavar="S", help="Seconds at each command.", rich_help_panel=_STAIRCASE)
-    ] = None
+    hold: Annotated[float | None, _staircase_option(metavar="S", help="Seconds at each command.")] = None
     rest: Annotated[
         float | None,
-        typer.Option(
-            metavar="S", help="Seconds of pause before, between and after the commands.", rich_help_panel=_STAIRCASE
-        ),
+        _staircase_option(metavar="S", help="Seconds of pause before, between and after the commands."),
     ] = None
-    dry_run: Annotated[
-        bool,
-        typer.Option(
-            "--dry-run", help="Print what would be done and how long it would take.", rich_help_panel=_STAIRCASE
-        ),
-    ] = False
+    dry_run: DryRun = False
 
     def staircase(self, motors: tuple[int, ...], *, step: int, hold_s: float, rest_s: float) -> "StaircasePlan":
         """Return the staircase. Raises ConfigError for one without steps."""
@@ -99,9 +85,7 @@ def thrust(
     resume: ResumeOptions,
     keep: KeepOptions,
     note: Note = None,
-    rate_hz: Annotated[
-        int | None, typer.Option(min=1, help="Load-cell samples per second; default: rig.toml's.")
-    ] = None,
+    rate_hz: CellRateHz = None,
 ) -> None:
     """Record load cell, commands and battery while the motors run a staircase; Ctrl-C stops them.
 
@@ -134,15 +118,12 @@ def speed(
     options: StaircaseOptions,
     tachometer: Annotated[
         Tachometer | None,
-        typer.Option(
+        _instrument_option(
             help="Source of the speed: typed by you, a UT372, a device that sends lines, the RPM deck, or brushless "
-            "motors; default: typed, or that of the run to resume.",
-            rich_help_panel=_INSTRUMENT,
+            "motors; default: typed, or that of the run to resume."
         ),
     ] = None,
-    port: Annotated[
-        str | None, typer.Option(help="Port of the UT372; default: search for it.", rich_help_panel=_INSTRUMENT)
-    ] = None,
+    port: Annotated[str | None, _instrument_option(help="Port of the UT372; default: search for it.")] = None,
     wait: Wait = None,
     motor: Motor = None,
     vehicle: ExperimentOptions,
@@ -186,19 +167,14 @@ def scales(
     options: StaircaseOptions,
     port: Annotated[
         str | None,
-        typer.Option(
+        _instrument_option(
             help="Serial port of the scales; default: that of the run to resume, else scales in rig.toml that send "
-            "lines, else you type the readings.",
-            rich_help_panel=_INSTRUMENT,
+            "lines, else you type the readings."
         ),
     ] = None,
     baud: Annotated[
         int | None,
-        typer.Option(
-            min=1,
-            help="Baud rate of the scales' port; default: 9600, or that of the run to resume.",
-            rich_help_panel=_INSTRUMENT,
-        ),
+        _instrument_option(min=1, help="Baud rate of the scales' port; default: 9600, or that of the run to resume."),
     ] = None,
     wait: Wait = None,
     motor: Motor = None,

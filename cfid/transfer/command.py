@@ -14,11 +14,11 @@ from cfid.console.labels import Note
 from cfid.console.lists import comma_list, measured
 from cfid.console.log_summary import print_json, stop_line
 from cfid.console.messages import clock, echo, fitted, printable, result
-from cfid.console.options import Delivery, Method, RigOptions, YawDeg, finite, positive
+from cfid.console.options import Delivery, Method, RigOptions, YawDeg, finite, panel, positive
 from cfid.console.outcome import deliver
-from cfid.console.recording import KeepOptions, ResumeOptions, rig_of
+from cfid.console.recording import DryRun, KeepOptions, ResumeOptions, rig_of
 from cfid.console.selection import chosen, interrupted
-from cfid.console.vehicle import ExperimentOptions, LogMs, motors_of
+from cfid.console.vehicle import CellRateHz, ExperimentOptions, LogMs, motors_of
 from cfid.console.verdicts import verdict_line
 from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from cfid.transfer.plan import Sine, SineSweep
     from cfid.transfer.thesis import ThesisSettings
 
-_INPUT, _FIT, _THESIS, _FUNCTION = "What was measured", "Model", "As the thesis", "Transfer function"
-_SINE = "Sine"
+_measured_option, _model_option, _thesis_option = panel("What was measured"), panel("Model"), panel("As the thesis")
+_function_option, _sine_option = panel("Transfer function"), panel("Sine")
 _LARGEST_N = 2**32 - 1
 _USUAL_N = 4000
 _USUAL_PLAN: Literal["log"] = "log"
@@ -56,39 +56,32 @@ class SineInputs:
 
     index: Annotated[
         Path | None,
-        typer.Option(
+        _measured_option(
             help="CSV file with one row per run: l,n,amplitude,motor,loadcell,crossings[,series]; paths are relative "
-            "to the file; a load cell is a file whose columns name their unit (Fz_n, Fz_counts) or a run.",
-            rich_help_panel=_INPUT,
+            "to the file; a load cell is a file whose columns name their unit (Fz_n, Fz_counts) or a run."
         ),
     ] = None
     channel: Annotated[
         Literal["arm", "Tx", "Ty", "Fz"],
-        typer.Option(
-            help="Channel of the load cell: torque about the motor's own arm, torque about x or y, or the force.",
-            rich_help_panel=_INPUT,
+        _measured_option(
+            help="Channel of the load cell: torque about the motor's own arm, torque about x or y, or the force."
         ),
     ] = "arm"
     sign: Annotated[
         Literal["auto", "+", "-"],
-        typer.Option(
-            help="Sign of thrust in the channel; auto: chosen so that thrust is positive.", rich_help_panel=_INPUT
-        ),
+        _measured_option(help="Sign of thrust in the channel; auto: chosen so that thrust is positive."),
     ] = "auto"
     arm_mm: Annotated[
         str | None,
-        typer.Option(
+        _measured_option(
             metavar="MM[:STD]",
             help="Distance from the load cell's z axis to the motor's; default: the run's, else rig.toml's.",
-            rich_help_panel=_INPUT,
         ),
     ] = None
     yaw_deg: YawDeg = None
     offset: Annotated[
         float,
-        typer.Option(
-            min=0, max=FULL_COMMAND, help="B of eq. 3.6, the offset of the command, for files.", rich_help_panel=_INPUT
-        ),
+        _measured_option(min=0, max=FULL_COMMAND, help="B of eq. 3.6, the offset of the command, for files."),
     ] = 30000.0
 
     def read(self, words: Sequence[str] | None, workplace: Workplace, *, excluded: bool = False) -> "SineSet":
@@ -130,21 +123,16 @@ class FitOptions:
 
     shape: Annotated[
         Literal["first", "first+delay", "second", "zero", "auto"],
-        typer.Option(
-            help="Model: a lag alone, with delay, with a second lag, or with a zero; auto: by corrected AIC.",
-            rich_help_panel=_FIT,
+        _model_option(
+            help="Model: a lag alone, with delay, with a second lag, or with a zero; auto: by corrected AIC."
         ),
     ] = "first+delay"
     form: Annotated[
         Literal["hold", "thesis"],
-        typer.Option(help="hold: H(z) has a factor z^-1; thesis: it has none, as in eq. 3.15.", rich_help_panel=_FIT),
+        _model_option(help="hold: H(z) has a factor z^-1; thesis: it has none, as in eq. 3.15."),
     ] = "hold"
-    settle_s: Annotated[
-        float, typer.Option(min=0, help="Seconds to leave out at the start of each run.", rich_help_panel=_FIT)
-    ] = 1.0
-    cutoff_hz: Annotated[
-        float, typer.Option(min=0, help="Leave out runs with sines above this frequency.", rich_help_panel=_FIT)
-    ] = 12.5
+    settle_s: Annotated[float, _model_option(min=0, help="Seconds to leave out at the start of each run.")] = 1.0
+    cutoff_hz: Annotated[float, _model_option(min=0, help="Leave out runs with sines above this frequency.")] = 12.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,28 +141,18 @@ class ThesisOptions:
 
     preset: Annotated[
         Literal["first", "second"] | None,
-        typer.Option(
-            help="Settings of the thesis' first or second series; default: chosen by N.", rich_help_panel=_THESIS
-        ),
+        _thesis_option(help="Settings of the thesis' first or second series; default: chosen by N."),
     ] = None
     settle_samples: Annotated[
         int | None,
-        typer.Option(
-            "--n-t", min=1, help="N_T, the number of samples to leave out at the start.", rich_help_panel=_THESIS
-        ),
+        _thesis_option("--n-t", min=1, help="N_T, the number of samples to leave out at the start."),
     ] = None
-    weight_low: Annotated[
-        float | None, typer.Option(min=0, help="Weight of slow sines; enters squared.", rich_help_panel=_THESIS)
-    ] = None
-    weight_high: Annotated[
-        float | None, typer.Option(min=0, help="Weight of the other sines.", rich_help_panel=_THESIS)
-    ] = None
-    low_up_to: Annotated[
-        int | None, typer.Option(min=0, help="Largest l that counts as slow.", rich_help_panel=_THESIS)
-    ] = None
-    count_up_to: Annotated[int | None, typer.Option(min=1, help="Largest l to use.", rich_help_panel=_THESIS)] = None
-    denominator: Annotated[int, typer.Option("--a", min=1, help="A of eq. 3.10.", rich_help_panel=_THESIS)] = 2
-    numerator: Annotated[int, typer.Option("--b", min=1, help="B of eq. 3.10.", rich_help_panel=_THESIS)] = 1
+    weight_low: Annotated[float | None, _thesis_option(min=0, help="Weight of slow sines; enters squared.")] = None
+    weight_high: Annotated[float | None, _thesis_option(min=0, help="Weight of the other sines.")] = None
+    low_up_to: Annotated[int | None, _thesis_option(min=0, help="Largest l that counts as slow.")] = None
+    count_up_to: Annotated[int | None, _thesis_option(min=1, help="Largest l to use.")] = None
+    denominator: Annotated[int, _thesis_option("--a", min=1, help="A of eq. 3.10.")] = 2
+    numerator: Annotated[int, _thesis_option("--b", min=1, help="B of eq. 3.10.")] = 1
 
     def settings(self, samples: int) -> "ThesisSettings":
         """Return the settings for runs of N samples."""
@@ -191,19 +169,15 @@ class FunctionOptions:
 
     numerator: Annotated[
         str | None,
-        typer.Option(metavar="B0,B1,...", help="Numerator coefficients of z^0, z^-1, ...", rich_help_panel=_FUNCTION),
+        _function_option(metavar="B0,B1,...", help="Numerator coefficients of z^0, z^-1, ..."),
     ] = None
     denominator: Annotated[
         str | None,
-        typer.Option(
-            metavar="1,A1,...",
-            help="Denominator coefficients of z^0, z^-1, ..., with the leading 1.",
-            rich_help_panel=_FUNCTION,
-        ),
+        _function_option(metavar="1,A1,...", help="Denominator coefficients of z^0, z^-1, ..., with the leading 1."),
     ] = None
     delay_s: Annotated[
         float | None,
-        typer.Option(help="Delay of the force after the stamped command; may be negative.", rich_help_panel=_FUNCTION),
+        _function_option(help="Delay of the force after the stamped command; may be negative."),
     ] = None
 
 
@@ -311,64 +285,43 @@ class SineOptions:
 
     l: Annotated[  # noqa: E741 - the letter of the equation and of the option
         str | None,
-        typer.Option(
+        _sine_option(
             "--periods",
             "--l",
             metavar="L,L,...",
             help="Periods within N samples, one run each; default: those of --plan.",
-            rich_help_panel=_SINE,
         ),
     ] = None
     plan: Annotated[
         Literal["log", "thesis-first", "thesis-second"],
-        typer.Option(
+        _sine_option(
             help="log: about twenty sines up to 12.5 Hz; thesis-...: a series of table 3.1 with its N, A and motor "
-            "(most values of l are reconstructed).",
-            rich_help_panel=_SINE,
+            "(most values of l are reconstructed)."
         ),
     ] = _USUAL_PLAN
     n: Annotated[
         int | None,
-        typer.Option(
-            "--samples",
-            "--n",
-            min=1,
-            max=_LARGEST_N,
-            help="N, the number of samples at 500 Hz; default: 4000.",
-            rich_help_panel=_SINE,
+        _sine_option(
+            "--samples", "--n", min=1, max=_LARGEST_N, help="N, the number of samples at 500 Hz; default: 4000."
         ),
     ] = None
     amplitude: Annotated[
         int | None,
-        typer.Option(
-            min=1,
-            max=FULL_COMMAND,
-            help="A, the amplitude in units of the command; default: 20000.",
-            rich_help_panel=_SINE,
-        ),
+        _sine_option(min=1, max=FULL_COMMAND, help="A, the amplitude in units of the command; default: 20000."),
     ] = None
     motor: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="1,3",
-            help="Motors to use one after the other, separated by commas; 0 is all at once; default: 1.",
-            rich_help_panel=_SINE,
+        _sine_option(
+            metavar="1,3", help="Motors to use one after the other, separated by commas; 0 is all at once; default: 1."
         ),
     ] = None
-    series: Annotated[
-        str | None, typer.Option(help="Name of the series, kept with each run.", rich_help_panel=_SINE)
-    ] = None
+    series: Annotated[str | None, _sine_option(help="Name of the series, kept with each run.")] = None
     before: Annotated[
         float,
-        typer.Option(metavar="S", help="Seconds of baseline before each sine, for the bias.", rich_help_panel=_SINE),
+        _sine_option(metavar="S", help="Seconds of baseline before each sine, for the bias."),
     ] = 1.0
-    force: Annotated[bool, typer.Option("--force", help="Allow an amplitude that clips.", rich_help_panel=_SINE)] = (
-        False
-    )
-    dry_run: Annotated[
-        bool,
-        typer.Option("--dry-run", help="Print what would be done and how long it would take.", rich_help_panel=_SINE),
-    ] = False
+    force: Annotated[bool, _sine_option("--force", help="Allow an amplitude that clips.")] = False
+    dry_run: DryRun = False
 
     def chosen(self, resumed: "SineSweep | None" = None) -> "SineSweep":
         """Return the sines to play, checked as in C.2.4; a resumed run keeps its N, A, motor and series.
@@ -453,9 +406,7 @@ def sine(
     log_ms: LogMs = 10,
     keep: KeepOptions,
     note: Note = None,
-    rate_hz: Annotated[
-        int | None, typer.Option(min=1, help="Load-cell samples per second; default: rig.toml's.")
-    ] = None,
+    rate_hz: CellRateHz = None,
 ) -> None:
     """Play sines on board, one after the other, and record load cell and crossings; Ctrl-C stops the motors.
 
