@@ -11,7 +11,7 @@ import numpy as np
 
 from cfid.errors import ConfigError, DataError
 from cfid.estimate.held_readings import first_rows, rows_a_reading
-from cfid.findings import Finding, merged, note, rejection, warning
+from cfid.findings import Finding, merged, rejection, warning
 from cfid.large import empty, parts, usual_step
 from cfid.quantities.registry import Range
 from cfid.recordings.read import read_recording
@@ -166,9 +166,6 @@ class _Reader:
 
     def result(self) -> SineSet:
         """Return everything that was added."""
-        if any(run.sine.motor == 0 for own in self.series.values() for run in own):
-            text = "all motors ran: a quarter of their thrust is taken for that of one."
-            self.findings.append(note("thrust-of-all-motors", text, "tf.*"))
         return SineSet(
             series=self.series,
             findings=(

@@ -586,8 +586,6 @@ def identify(
     findings = []
     used = {}
     for name, runs in series.items():
-        if any(run.sine.periods == 0 for run in runs):
-            findings.append(note("sine-without-frequency", "l = 0 has no frequency and is left out.", "tf.*").at(name))
         if above := above_cutoff([run.sine for run in runs], cutoff_hz):
             findings.append(note("sine-too-fast", f"{above} left out.", "tf.*").at(name))
         kept, without_end = with_end([run for run in runs if run.sine.periods and not run.sine.is_above(cutoff_hz)])

@@ -11,7 +11,7 @@ import numpy as np
 
 from cfid.errors import CfidError, DataError
 from cfid.estimate.common_causes import arm_scales, force_scales, power_law, with_common_causes
-from cfid.findings import Finding, note, rejection, warning
+from cfid.findings import Finding, rejection, warning
 from cfid.records.covariances import covariance_between
 from cfid.records.parameters import Parameter
 from cfid.records.result import Dependent, Figures, Result
@@ -391,10 +391,8 @@ def verify(
         function = TransferFunction.of_quantities(function.quantities)
     findings = list(sines.findings)
     checked: list[tuple[SineRun, Verification]] = []
-    still = [run.name for run in sines.runs if not run.sine.periods]
-    if len(still) == len(sines.runs):
-        raise DataError(f"{still[0]}: has no frequency, and nothing to compare: leave it out.")
-    findings += [note("sine-without-frequency", f"{name} has no frequency and is left out.", "tf.*") for name in still]
+    if not any(run.sine.periods for run in sines.runs):
+        raise DataError(f"{sines.runs[0].name}: has no frequency, and nothing to compare: leave it out.")
     for recorded in sines.series.values():
         turning, lost = with_end([run for run in recorded if run.sine.periods])
         findings += lost

@@ -10,11 +10,14 @@ import numpy.typing as npt
 
 from cfid.errors import DataError
 from cfid.findings import Finding, rejection, warning
+from cfid.lazy import later
 from cfid.transfer.alignment import SineRun
-from cfid.transfer.frequency_response import END_S, SETTLE_S, respond, sine_columns
+from cfid.transfer.frequency_response import END_S, SETTLE_S, respond
 from cfid.transfer.model import TransferFunction
 
 Array = npt.NDArray[np.float64]
+
+_gaussian_filter1d = later("scipy.ndimage", "gaussian_filter1d")  # only a verification needs it
 
 OFF_LIMIT = 0.1  # of the sine: the largest difference of simulation and measurement beyond their uncertainty
 SMOOTHED_HZ = 25.0  # twice the highest identified frequency, and far below any rotor's
@@ -124,9 +127,7 @@ def verify_run(
     smooth = smooth[:, kept] - smooth[:, kept].mean(axis=1, keepdims=True)
     response = respond(run, settle_s=settle_s)
     omega = response.frequency_rad_s
-    columns = sine_columns(run.time_s[inside], omega).T
-    both = np.linalg.lstsq(columns, np.stack([measured[inside], simulated[inside]], axis=1), rcond=None)[0]
-    ratio = complex(*both[3:5, 0]).conjugate() / complex(*both[3:5, 1]).conjugate()
+    ratio = response.value / respond(replace(run, force_n=simulated), settle_s=settle_s).value
     size_std, phase_std = response.polar_std
     phase_std = math.hypot(phase_std, omega * delay_std_s)
     return Verification(
@@ -157,8 +158,4 @@ def _smoothed(time_s: Array, values: Array, hertz: float) -> tuple[Array, Array]
     between = np.diff(time_s) * (values[:, 1:] + values[:, :-1]) / 2
     integral = np.concatenate([np.zeros((len(values), 1)), np.cumsum(between, axis=1)], axis=1)
     means = np.diff([np.interp(edges, time_s, own) for own in integral], axis=1) / _STEP_S
-    std_s = _GAUSS / hertz
-    half = math.ceil(4 * std_s / _STEP_S)
-    kernel = np.exp(-0.5 * (np.arange(-half, half + 1) * _STEP_S / std_s) ** 2)
-    smooth = np.stack([np.convolve(own, kernel / kernel.sum(), mode="same") for own in means])
-    return edges[:-1] + _STEP_S / 2, smooth
+    return edges[:-1] + _STEP_S / 2, _gaussian_filter1d(means, _GAUSS / hertz / _STEP_S, mode="nearest")

@@ -1,6 +1,5 @@
 """The sines that `cfid log sine` plays by default, and the duration that it states before a motor turns."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +8,7 @@ import pytest
 from cfid.records.campaign import open_campaign
 from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import new_rig_text
-from cfid.transfer.plan import THESIS_FIRST, THESIS_SECOND, SineSweep, log_spaced
+from cfid.transfer.plan import THESIS_FIRST, THESIS_SECOND, log_spaced
 from tests.campaigns import in_this_process
 from tests.virtual_bench import bench_in
 
@@ -64,16 +63,6 @@ def test_a_plan_states_its_duration_what_of_it_is_made_up_and_which_sines_a_fit_
     assert ("reconstructed" in said) == made_up
     assert ("cut-off of 12.5 Hz" in said) == (left_out != "")
     assert left_out in said
-
-
-def test_several_motors_play_in_turn_and_each_makes_a_series() -> None:
-    alone = SineSweep(periods=(2, 4), samples=500, motors=(3,), series="second")
-    both = replace(alone, motors=(0, 3))
-
-    assert [(one.motor, one.periods, one.series) for one in alone.sines] == [(3, 2, "second"), (3, 4, "second")]
-    assert [(one.motor, one.periods) for one in both.sines] == [(0, 2), (0, 4), (3, 2), (3, 4)]
-    assert [one.series for one in both.sines] == ["second_all", "second_all", "second_motor3", "second_motor3"]
-    assert [one.series for one in replace(both, series=None).sines][::2] == ["all", "motor3"]
 
 
 def test_motors_of_a_list_are_driven_one_after_the_other(tmp_path: Path) -> None:

@@ -6,7 +6,6 @@ import pytest
 
 import cfid
 from cfid.errors import DataError
-from cfid.recordings.sines import read_crossings
 from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import new_rig_text
 from cfid.transfer.data import read_sines
@@ -33,11 +32,6 @@ def test_sines_are_runs_of_one_kind_and_each_has_its_own(campaign: Path) -> None
     assert [run.header.requested["l"] for run in opened.runs(kind="sine_l10")] == [10]
     assert opened.run("last sine").header.requested["l"] == 40
     assert opened.runs(kind="sin") == []
-
-
-def test_the_crossings_of_a_run_are_read_from_its_folder(campaign: Path) -> None:
-    folder = cfid.open_campaign(campaign).run("last sine").folder
-    assert len(read_crossings(folder).host_s) == len(read_crossings(folder / "crossings.csv").host_s) > 40
 
 
 def test_a_sine_that_the_fit_leaves_out_is_judged_as_that(tmp_path: Path) -> None:

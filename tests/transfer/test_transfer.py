@@ -131,17 +131,6 @@ def test_a_second_lag_is_found_where_there_is_one() -> None:
     assert fits["second"].delays["first"].delay_s == pytest.approx(USUAL.delay_s, abs=2e-3)
 
 
-def test_a_model_that_ignores_the_delay_is_rejected() -> None:
-    fit = fit_transfer([measured(FIRST_PERIODS)], shape="first")
-
-    assert not fit.accepted
-    assert fit.probability < 1e-10
-    (finding,) = fit.findings(["tf.numerator", "tf.delay_s"])
-    assert (finding.code, finding.severity) == ("transfer-misfit", "rejection")
-    assert finding.quantities == ("tf.numerator", "tf.delay_s")
-    assert fit.misfit > 0.05
-
-
 def test_an_error_that_all_runs_share_is_in_the_delays_uncertainty_as_is_the_mean_latenesss() -> None:
     found = measured(log_spaced(17, 100))
     late = [replace(response, shared_s={"offset": 5e-3}) for response in found.responses]
@@ -184,27 +173,3 @@ def test_a_run_of_another_plant_widens_the_deviations() -> None:
     assert spoilt.time_constant_std_s > 2 * plain.time_constant_std_s
     assert spoilt.accepted  # a motor may have 1 % of systematic difference
     assert [(one.code, one.severity) for one in spoilt.findings(KEYS)] == [("transfer-scatter", "warning")]
-
-
-def test_two_series_share_their_dynamics_and_keep_their_delays() -> None:
-    first = measured(log_spaced(17, 100))
-    other = replace(USUAL, loadcell_latency_s=0.010, motor=3)
-    second = measured(log_spaced(20, 200), samples=8000, seed=1, bench=other, name="second")
-    joint = fit_transfer([first, second])
-    each = {own.name: fit_transfer([own]) for own in (first, second)}
-
-    assert joint.time_constant_s == pytest.approx(LAG_S, rel=0.01)
-    assert joint.delays["first"].delay_s == pytest.approx(USUAL.delay_s, abs=1.5e-3)
-    assert joint.delays["second"].delay_s == pytest.approx(other.delay_s, abs=1.5e-3)
-    assert joint.time_constant_std_s < min(fit.time_constant_std_s for fit in each.values())
-    assert each["second"].delays.keys() == {"second"}
-    assert joint.degrees_of_freedom == 2 * len(first.responses + second.responses) - 4
-
-
-def test_too_few_frequencies_are_refused() -> None:
-    found = measured((3, 8))
-    with pytest.raises(FitError, match="1 frequency is too few for a transfer function with 3 parameters"):
-        fit_transfer([replace(found, responses=found.responses[:1])])
-    with pytest.raises(FitError, match="0 frequencies"):
-        fit_transfer([replace(found, responses=())])
-    assert "second" not in fit_shapes([found])
