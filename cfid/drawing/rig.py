@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from statistics import fmean
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -15,7 +14,6 @@ from cfid.records.rig_file import BodyFrame, Mount, Vector
 Point = tuple[float, float]
 
 _ARM_MM, _ROTOR_MM = 46.0, 23.0  # of a Crazyflie
-_CUBE_MM = 19.0  # the edge of the thesis' mounting cube (C.1.7)
 _PANEL_IN = 3.0
 _SHORTEST_MM, _LONGER_MM = 24.0, 7.0  # half an axis, and how much longer each next one is, to separate the names
 _ARROW_MM = 40.0
@@ -29,7 +27,6 @@ def mounts_figure(mounts: Mapping[str, Mount], frame: BodyFrame, *, title: str =
     """Return the swings' axes through the vehicle, from above and from its right, with points and directions to scale.
 
     The nose points up in the first view and to the right in the second, whichever body axis of `frame` is forward.
-    Where axes pass within a few millimetres of each other, a cube with their holes is on the arm.
     """
     page, grid = figure(1, 2, heights_in=[_PANEL_IN], title=title)
     above, side = (
@@ -43,8 +40,6 @@ def mounts_figure(mounts: Mapping[str, Mount], frame: BodyFrame, *, title: str =
             end = seen(frame.turned(axis))
             if any(end):
                 _arrow(axes, (0, 0), end, f"body {name}", MUTED)
-        for middle in _cubes(mounts):
-            _cube(axes, seen(frame.turned(middle)), turned_deg=45 if axes is above else 0)
         for place, (name, mount) in enumerate(mounts.items()):
             half = (_SHORTEST_MM + _LONGER_MM * place) / math.hypot(*mount.direction)
             middle = seen(frame.turned([1e3 * length for length in mount.point_m]))
@@ -93,28 +88,6 @@ def _from_above(parts: Vector) -> Point:
 def _from_the_right(parts: Vector) -> Point:
     ahead, _, up = parts
     return ahead, up
-
-
-def _cubes(mounts: Mapping[str, Mount]) -> list[tuple[float, ...]]:
-    """Return the middle in mm of each group of mount points that are close together."""
-    groups: list[list[tuple[float, ...]]] = []
-    for mount in mounts.values():
-        point = tuple(1e3 * length for length in mount.point_m)
-        near = [group for group in groups if math.dist(group[0], point) < _CUBE_MM]
-        near[0].append(point) if near else groups.append([point])
-    return [tuple(map(fmean, zip(*group, strict=True))) for group in groups if len(group) > 1]
-
-
-def _cube(axes: Axes, middle: Point, *, turned_deg: float) -> None:
-    corner = middle[0] - _CUBE_MM / 2, middle[1] - _CUBE_MM / 2
-    axes.add_patch(
-        Rectangle(
-            corner, _CUBE_MM, _CUBE_MM, angle=turned_deg, rotation_point="center", fc=WINDOW, alpha=0.2, ec=INK, lw=0.8
-        )
-    )
-    if _is_free(axes, middle):
-        beside = (18 if middle[0] > 0 else -40), 14
-        axes.annotate("cube", middle, xytext=beside, textcoords="offset points", color=INK, size=8.5)
 
 
 def _plan(axes: Axes, name: str) -> Axes:

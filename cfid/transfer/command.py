@@ -127,10 +127,6 @@ class FitOptions:
             help="Model: a lag alone, with delay, with a second lag, or with a zero; auto: by corrected AIC."
         ),
     ] = "first+delay"
-    form: Annotated[
-        Literal["hold", "thesis"],
-        _model_option(help="hold: H(z) has a factor z^-1; thesis: it has none, as in eq. 3.15."),
-    ] = "hold"
     settle_s: Annotated[float, _model_option(min=0, help="Seconds to leave out at the start of each run.")] = 1.0
     cutoff_hz: Annotated[float, _model_option(min=0, help="Leave out runs with sines above this frequency.")] = 12.5
 
@@ -207,7 +203,6 @@ def identify(
         sines,
         sign=inputs.sign,
         shape=fit.shape,
-        form=fit.form,
         settle_s=fit.settle_s,
         cutoff_hz=fit.cutoff_hz,
         settings=thesis.settings,

@@ -23,7 +23,7 @@ from cfid.estimate.linear import fit_linear, gain_of, propagated, std_of
 from cfid.findings import Finding, note, rejection, warning
 from cfid.transfer.alignment import RecordedSine, Sign, SineSeries, align, with_end
 from cfid.transfer.frequency_response import SETTLE_S, Response, respond
-from cfid.transfer.model import Array, Complex, Form, TransferFunction
+from cfid.transfer.model import Array, Complex, TransferFunction
 from cfid.transfer.plan import CUTOFF_HZ, above_cutoff
 
 Shape = Literal["first", "first+delay", "second", "zero"]
@@ -73,18 +73,6 @@ class Delay(NamedTuple):
     after_quickest_std_s: float
 
 
-class Uneven(NamedTuple):
-    """The relative excess e of the upward rate over the mean rate, and the part that it adds to each response (n,)."""
-
-    part: float
-    raised: Complex
-
-    @property
-    def ratio(self) -> float:
-        """The downward time constant over the upward one."""
-        return (1 + self.part) / (1 - self.part)
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TransferFit:
     """A transfer function common to all series, and a delay for each.
@@ -94,11 +82,10 @@ class TransferFit:
     that runs share. `joint` is the covariance of numerator, denominator, static gain, the longest lag and the mean of
     these delays. `model` (n,) are the model's values for the responses of all series in a row. `misfit` is the
     systematic relative difference between them. `delay_scatter_s` is the scatter of delays from run to run;
-    `uneven` describes a motor that slows down and speeds up at different rates, if it does.
+    `lag_ratio` is the downward time constant over the upward one, 1 unless they clearly differ.
     """
 
     shape: Shape
-    form: Form
     function: TransferFunction
     values: Array
     covariance: Array
@@ -110,7 +97,7 @@ class TransferFit:
     degrees_of_freedom: int
     misfit: float
     delay_scatter_s: float = 0.0
-    uneven: Uneven | None = None
+    lag_ratio: float = 1.0
 
     @property
     def gain_n(self) -> float:
@@ -195,10 +182,10 @@ class TransferFit:
                 "the radio's shortest latency wanders: the standard uncertainties contain it."
             )
             findings.append(warning("transfer-delays-scatter", text, *keys))
-        if self.uneven is not None:
+        if self.lag_ratio != 1:
             text = (
                 "the sines' second harmonic shows a motor whose time constant is "
-                f"{self.uneven.ratio:.2f} times as long downwards as upwards: no linear transfer function follows it, "
+                f"{self.lag_ratio:.2f} times as long downwards as upwards: no linear transfer function follows it, "
                 "and the standard uncertainties contain by how much it misses. `cfid fit dynamics` gives both time "
                 "constants."
             )
@@ -214,10 +201,6 @@ class TransferFit:
             of_lag = [key for key in keys if not key.endswith(("static_gain_n", "delay_s", "delay_after_quickest_s"))]
             findings.append(rejection("transfer-no-time-constant", text, *of_lag))
         return tuple(findings)
-
-    def held_delay_s(self, series: str) -> float:
-        """Return the delay of the held plant's force behind the fastest reports of a series, in either form."""
-        return self.delays[series].after_quickest_s - _form_delay_s(self.form, self.shape, self.function.sample_s)
 
     def response(self, omega_rad_s: Array) -> Complex:
         """Return force over commands at frequencies (n,), of the force itself at any instant, without delay."""
@@ -284,9 +267,7 @@ def unknowns(shape: Shape, series_count: int) -> int:
     return _dynamic(shape) + (0 if shape == "first" else series_count)
 
 
-def fit_transfer(
-    measured: Sequence[MeasuredSeries], *, shape: Shape = "first+delay", form: Form = "hold"
-) -> TransferFit:
+def fit_transfer(measured: Sequence[MeasuredSeries], *, shape: Shape = "first+delay") -> TransferFit:
     """Fit one transfer function to the responses of all series, each with its own delay.
 
     Raises FitError for too few responses, or when no transfer function follows them.
@@ -302,16 +283,15 @@ def fit_transfer(
     values, dynamic = solution.values[:needed], _dynamic(shape)
     if not (np.isfinite(solution.cost) and np.all(np.isfinite(values)) and values[0] != 0):
         raise FitError("no transfer function follows these responses: look at the Bode figure.")
-    uneven = _uneven_rates(data, lag_s=float(values[1 : 1 + _lags(shape)].max()))
-    if uneven is not None:
-        data = data._replace(shared=np.vstack([data.shared, uneven.raised * data.value]))
+    excess, raised = _excess_of_rise(data, lag_s=float(values[1 : 1 + _lags(shape)].max()))
+    data = data._replace(shared=np.vstack([data.shared, raised * data.value]))
     freedom = 2 * len(data.value) - needed
     covariance = _covariance(data, solution)[:needed, :needed]
 
     def function_at(values: Array) -> TransferFunction:
         gain_n, *lags_s = values[: 1 + _lags(shape)]
         lead_s = float(values[2]) if shape == "zero" else 0.0
-        return TransferFunction.of_lags(gain_n, lags_s, lead_s=lead_s, sample_s=data.sample_s, form=form)
+        return TransferFunction.of_lags(gain_n, lags_s, lead_s=lead_s, sample_s=data.sample_s)
 
     def delivered(values: Array) -> Array:
         function = function_at(values)
@@ -323,19 +303,18 @@ def fit_transfer(
     size = float(np.sum(np.abs(model) ** 2 * np.abs(np.linalg.det(data.whitener))))
     fit = TransferFit(
         shape=shape,
-        form=form,
         function=function_at(values),
         values=values,
         covariance=covariance,
         joint=propagated(delivered, values, covariance),
-        delays=_delays(measured, values[dynamic:], covariance, _form_delay_s(form, shape, data.sample_s)),
+        delays=_delays(measured, values[dynamic:], covariance),
         measured=tuple(measured),
         model=model,
         chi_squared=solution.cost,
         degrees_of_freedom=freedom,
         misfit=math.sqrt(max(solution.cost - freedom, 0.0) / size),
         delay_scatter_s=scatter_s,
-        uneven=uneven,
+        lag_ratio=(1 + excess) / (1 - excess),
     )
     mean = fit.mean_delay
     function = replace(
@@ -354,10 +333,6 @@ def _lags(shape: Shape) -> int:
 def _dynamic(shape: Shape) -> int:
     """Return the number of free parameters that are not delays."""
     return 2 if shape.startswith("first") else 3
-
-
-def _form_delay_s(form: Form, shape: Shape, sample_s: float) -> float:
-    return sample_s if form == "thesis" and shape != "zero" else 0.0
 
 
 def _plant(values: Array, shape: Shape, omega: Array, sample_s: float) -> Complex:
@@ -517,31 +492,32 @@ def _deviance(data: _Data, solution: _Solution) -> float:
     return count * math.log(inflation) + solution.cost / inflation - 2 * determined
 
 
-def _uneven_rates(data: _Data, *, lag_s: float) -> Uneven | None:
-    """Return the unevenness of a motor by the second harmonics of its sines, None if there is none.
+def _excess_of_rise(data: _Data, *, lag_s: float) -> tuple[float, Array]:
+    """Return the excess e of the upward rate over the mean rate, and the part that it adds to each response (n,).
 
-    With rates r (1 + e) up and r (1 - e) down, a speed that follows a sine gets a second harmonic in quadrature to that
-    of the thrust, which is proportional to the square of the speed. Its mean rises by 2 e / pi of the amplitude by
-    which it lags behind the command, and the thrust of the sine with it: more at high frequencies, as with a shorter
-    time constant.
+    Both are zero unless the second harmonics show it. With rates r (1 + e) up and r (1 - e) down, a speed that follows
+    a sine gets a second harmonic in quadrature to that of the thrust, which is proportional to the square of the speed.
+    Its mean rises by 2 e / pi of the amplitude by which it lags behind the command, and the thrust of the sine with it:
+    more at high frequencies, as with a shorter time constant.
     """
+    even = 0.0, np.zeros(len(data.value))
     if len(data.value) < 3:
-        return None
+        return even
     lagged, size = lag_s * data.omega, np.abs(data.value)
     second = np.array([response.second for response in data.responses])
     weight = np.tile(size / [response.std for response in data.responses], 2)
     of_rates = -4 / (3 * math.pi) * lagged / (1 + 2j * lagged)
     rows = np.vstack([np.stack([size, of_rates.real], axis=1), np.stack([0 * size, of_rates.imag], axis=1)])
     fit = fit_linear(rows * weight[:, np.newaxis], np.append(second.real, second.imag) * weight, noise_known=False)
-    (bent, part), part_std = fit.values.tolist(), float(fit.std[1])
-    if abs(part) < max(_UNEVEN_IN_STD * part_std, _UNEVEN) or abs(part) >= 1:
-        return None
-    return Uneven(part, part * 8 / math.pi * lagged * bent * size + 0j)
+    (bent, excess), excess_std = fit.values.tolist(), float(fit.std[1])
+    if not max(_UNEVEN_IN_STD * excess_std, _UNEVEN) <= abs(excess) < 1:
+        return even
+    return excess, excess * 8 / math.pi * lagged * bent * size
 
 
-def _delays(measured: Sequence[MeasuredSeries], after_s: Array, covariance: Array, form_s: float) -> dict[str, Delay]:
+def _delays(measured: Sequence[MeasuredSeries], after_s: Array, covariance: Array) -> dict[str, Delay]:
     stds = std_of(covariance)[len(covariance) - len(after_s) :]
-    pairs = zip(after_s + form_s, stds, strict=True) if len(after_s) else [(0.0, 0.0)] * len(measured)
+    pairs = zip(after_s, stds, strict=True) if len(after_s) else [(0.0, 0.0)] * len(measured)
     return {
         series.name: Delay(
             delay_s=float(after - series.mean_lateness_s),
@@ -573,7 +549,6 @@ def identify(
     series: Mapping[str, Sequence[RecordedSine]],
     *,
     shape: Shape | Literal["auto"] = "first+delay",
-    form: Form = "hold",
     settle_s: float = SETTLE_S,
     cutoff_hz: float = CUTOFF_HZ,
     sign: Sign = "auto",
@@ -598,15 +573,15 @@ def identify(
     measured = [measure(name, runs, settle_s=settle_s) for name, runs in aligned.items()]
     for name, responses in zip(aligned, measured, strict=True):
         findings += [*aligned[name].findings, *responses.findings]
-    fits = fit_shapes(measured, form=form)
+    fits = fit_shapes(measured)
     aicc = corrected_aic(fits) if fits else {}
     usual: Shape = "first+delay" if shape == "auto" else shape
     chosen = min(aicc, key=lambda shape: aicc[shape]) if shape == "auto" and aicc else usual
-    fit = fits.get(chosen) or fit_transfer(measured, shape=chosen, form=form)
+    fit = fits.get(chosen) or fit_transfer(measured, shape=chosen)
     each = {}
     for one in measured if len(measured) > 1 else []:
         try:
-            each[one.name] = fit_transfer([one], shape=chosen, form=form)
+            each[one.name] = fit_transfer([one], shape=chosen)
         except FitError as error:
             against = rejection("series-not-fitted", str(error), f"tf.series.{one.name}.*")
             findings.append(against.at(f"{one.name} for itself"))
@@ -619,11 +594,11 @@ def identify(
     return Identified(fit=fit, each=each, aicc=aicc, aligned=aligned, used=used, findings=tuple(findings))
 
 
-def fit_shapes(measured: Sequence[MeasuredSeries], *, form: Form = "hold") -> dict[Shape, TransferFit]:
+def fit_shapes(measured: Sequence[MeasuredSeries]) -> dict[Shape, TransferFit]:
     """Fit each shape that has fewer parameters than the responses have real and imaginary parts."""
     count = sum(len(series.responses) for series in measured)
     fitting = [shape for shape in SHAPES if 2 * count > unknowns(shape, len(measured)) + 1]
-    return {shape: fit_transfer(measured, shape=shape, form=form) for shape in fitting}
+    return {shape: fit_transfer(measured, shape=shape) for shape in fitting}
 
 
 def corrected_aic(fits: dict[Shape, TransferFit]) -> dict[Shape, float]:

@@ -1,7 +1,8 @@
 """Figures of a transfer function: Bode (figures 3.14, 3.15), step response, and a run against it (figure 3.16)."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from itertools import cycle
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -84,18 +85,13 @@ def bode_figure(fit: TransferFit, *, thesis: ThesisFit | None = None) -> Figure:
     left, turned = page.add_subplot(grid[3, 0]), page.add_subplot(grid[3, 1])
     name_panel(left, "(c) magnitude over the model", x=FREQUENCY, y="difference (%)")
     name_panel(turned, "(d) phase less the model", x=FREQUENCY, y="difference (degrees)")
-    for number, points in enumerate(_points(fit)):
-        colour = SERIES[number % len(SERIES)]
-        draw_points(size, phase, points, colour=colour)
+    series = _points(fit)
+    models = {"model": fit.response, **({} if thesis is None else {"thesis method": thesis.function.response})}
+    _draw_bode(size, phase, series, models)
+    for points, colour in zip(series, cycle(SERIES), strict=False):
         _draw_left(left, turned, points, fit, colour=colour)
-    omega = _omegas(np.concatenate([points.omega_rad_s for points in _points(fit)]))
-    _draw_model(size, phase, omega, fit.response(omega), label="model", dashes="-")
-    if thesis is not None:
-        _draw_model(size, phase, omega, thesis.function.response(omega), label="thesis method", dashes="--")
-    for axes in (size, phase, left, turned):
+    for axes in (left, turned):
         axes.set_xscale("log")
-    size.set_yscale("log")
-    size.tick_params(labelbottom=False)
     key_row(page.add_subplot(grid[0, :]), *phase.get_legend_handles_labels()[0])
     words(page.add_subplot(grid[4, :]), "in numbers", rows, red=("chi-squared",) if rejections else ())
     page.align_ylabels()
@@ -115,17 +111,12 @@ def thesis_bode_figure(each: Mapping[str, ThesisFit], joint: ThesisFit) -> Figur
     size, phase = page.add_subplot(grid[1, 0]), page.add_subplot(grid[2, 0])
     name_panel(size, "(a) magnitude", x="", y="thrust over command (µN)")
     name_panel(phase, "(b) phase", x=FREQUENCY, y="phase (degrees)")
-    for number, (name, fit) in enumerate(each.items()):
+    series = []
+    for name, fit in each.items():
         omega = np.array([response.omega_rad for response in fit.responses]) / fit.function.sample_s
         value = np.array([response.value for response in fit.responses])
-        points = SeriesPoints(name, omega, value, value, None)
-        draw_points(size, phase, points, colour=SERIES[number % len(SERIES)])
-    omega = _omegas(np.array([response.omega_rad for response in joint.responses]) / joint.function.sample_s)
-    _draw_model(size, phase, omega, joint.function.response(omega), label="weighted least squares", dashes="-")
-    for axes in (size, phase):
-        axes.set_xscale("log")
-    size.set_yscale("log")
-    size.tick_params(labelbottom=False)
+        series.append(SeriesPoints(name, omega, value, value, None))
+    _draw_bode(size, phase, series, {"weighted least squares": joint.function.response})
     key_row(page.add_subplot(grid[0, 0]), *phase.get_legend_handles_labels()[0])
     page.align_ylabels()
     return page
@@ -255,21 +246,29 @@ def _points(fit: TransferFit) -> list[SeriesPoints]:
     for series in fit.measured:
         omega = np.array([own.frequency_rad_s for own in series.responses])
         value = np.array([own.value for own in series.responses])
-        turned = value * np.exp(1j * omega * fit.held_delay_s(series.name))
+        turned = value * np.exp(1j * omega * fit.delays[series.name].after_quickest_s)
         std = np.array([own.polar_std for own in series.responses])
         found.append(SeriesPoints(series.name, omega, turned, value, COVERAGE_95 * std))
     return found
 
 
-def _omegas(there: Array) -> Array:
-    return np.geomspace(0.8 * there.min(), 1.2 * there.max(), _CURVE)
-
-
-def _draw_model(size: Axes, phase: Axes, omega: Array, value: Complex, *, label: str, dashes: str) -> None:
-    colour = MODEL if dashes == "-" else INK
+def _draw_bode(
+    size: Axes, phase: Axes, series: Sequence[SeriesPoints], models: Mapping[str, Callable[[Array], Complex]]
+) -> None:
+    """Draw each series and the responses of models by name, of which the first is the fit to these series."""
+    for points, colour in zip(series, cycle(SERIES), strict=False):
+        draw_points(size, phase, points, colour=colour)
+    measured = np.concatenate([points.omega_rad_s for points in series])
+    omega = np.geomspace(0.8 * measured.min(), 1.2 * measured.max(), _CURVE)
     hertz = omega / (2 * np.pi)
-    size.plot(hertz, MICRO * np.abs(value), color=colour, ls=dashes, lw=1.1)
-    phase.plot(hertz, np.degrees(np.unwrap(np.angle(value))), color=colour, ls=dashes, lw=1.1, label=label)
+    for (label, response), colour, dashes in zip(models.items(), (MODEL, INK), ("-", "--"), strict=False):
+        value = response(omega)
+        size.plot(hertz, MICRO * np.abs(value), color=colour, ls=dashes, lw=1.1)
+        phase.plot(hertz, np.degrees(np.unwrap(np.angle(value))), color=colour, ls=dashes, lw=1.1, label=label)
+    for axes in (size, phase):
+        axes.set_xscale("log")
+    size.set_yscale("log")
+    size.tick_params(labelbottom=False)
 
 
 def _draw_left(left: Axes, turned: Axes, points: SeriesPoints, fit: TransferFit, *, colour: str) -> None:

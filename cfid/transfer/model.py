@@ -1,15 +1,14 @@
 """A transfer function from command to thrust: its coefficients, what follows from them, and its simulation.
 
-There are two forms. In form "hold" a command takes effect from its sample on, so H(z) = b1 z^-1/(1 - a1 z^-1) for a
-plant K/(1 + s lag) behind a zero-order hold. In form "thesis" (eq. 3.10, as eq. 3.15 uses it) the force at a sample
-includes the effect of that sample's command: the same H(z) without its factor z^-1, and a delay longer by a sample.
-Gain and lags are the same. A plant with a lead responds at once and is the same in both forms.
+A command takes effect from its sample on, so H(z) = b1 z^-1/(1 - a1 z^-1) for a plant K/(1 + s lag) behind a zero-order
+hold. The thesis (eq. 3.10, as eq. 3.15 uses it) has the same H(z) without its factor z^-1, and a delay longer by a
+sample: the force at a sample includes the effect of that sample's command. Gain and lags are the same. A plant with a
+lead responds at once.
 """
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -24,7 +23,6 @@ _lfilter = later("scipy.signal", "lfilter")
 
 Array = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
-Form = Literal["hold", "thesis"]
 
 _LONGEST_S = 10.0  # the largest delay, of either sign
 
@@ -46,22 +44,14 @@ class TransferFunction:
 
     @classmethod
     def of_lags(
-        cls,
-        gain_n: float,
-        lags_s: Iterable[float],
-        *,
-        lead_s: float = 0.0,
-        sample_s: float = SAMPLE_S,
-        form: Form = "hold",
+        cls, gain_n: float, lags_s: Iterable[float], *, lead_s: float = 0.0, sample_s: float = SAMPLE_S
     ) -> "TransferFunction":
         """Return K (1 + s lead)/((1 + s lag) ...) behind a zero-order hold."""
         lagging = np.ones(1)
         for lag_s in lags_s:
             lagging = np.convolve(lagging, [lag_s, 1.0])
         numerator, denominator, _ = _cont2discrete(([lead_s, 1.0] if lead_s else [1.0], lagging), sample_s, "zoh")
-        numerator = gain_n * np.ravel(numerator)
-        at_once = form == "thesis" and not lead_s
-        return cls(numerator=numerator[1:] if at_once else numerator, denominator=denominator, sample_s=sample_s)
+        return cls(numerator=gain_n * np.ravel(numerator), denominator=denominator, sample_s=sample_s)
 
     @classmethod
     def of_coefficients(

@@ -3,6 +3,7 @@
 from cmath import phase
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import replace
 from math import hypot
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -20,7 +21,7 @@ from cfid.transfer.alignment import Sign, SineRun, align, with_end
 from cfid.transfer.data import SineSet, read_sines
 from cfid.transfer.estimation import Identified, Shape, TransferFit, identify
 from cfid.transfer.frequency_response import SETTLE_S
-from cfid.transfer.model import EQ_3_15, EQ_3_16, Form, TransferFunction
+from cfid.transfer.model import EQ_3_15, EQ_3_16, TransferFunction
 from cfid.transfer.plan import CUTOFF_HZ, SAMPLE_S
 from cfid.transfer.thesis import ThesisFit, ThesisFits, ThesisSettings, fit_all, settings_of
 from cfid.transfer.verification import Verification, verify_run
@@ -34,11 +35,6 @@ SECTION = "tf"
 _WANTED = ("tf.numerator", "tf.denominator", "tf.static_gain_n", "tf.time_constant_s", "tf.delay_s")
 _GAIN, _LAG = "tf.static_gain_n", "tf.time_constant_s"
 _LARGEST_OFF_SLOPE = 0.1  # of the thrust map's slope: the largest difference of a static gain without a warning
-_FORMS = {
-    "hold": "each command is held for a sample and takes effect from then on, hence the numerator's z^-1",
-    "thesis": "as (3.15): the force at a sample includes the effect of that sample's command, hence no z^-1, and a "
-    "sample more delay",
-}
 
 
 def fit(
@@ -46,7 +42,6 @@ def fit(
     *,
     sign: Sign = "auto",
     shape: Shape | Literal["auto"] = "first+delay",
-    form: Form = "hold",
     settle_s: float = SETTLE_S,
     cutoff_hz: float = CUTOFF_HZ,
     settings: Callable[[int], ThesisSettings] = settings_of,
@@ -68,7 +63,7 @@ def fit(
     beside = _Beside(slope_n, command, compare)
     if method == "thesis":
         return _of_thesis(fit_all(sines.series, settings, sign=sign), sines, beside)
-    found = identify(sines.series, shape=shape, form=form, settle_s=settle_s, cutoff_hz=cutoff_hz, sign=sign)
+    found = identify(sines.series, shape=shape, settle_s=settle_s, cutoff_hz=cutoff_hz, sign=sign)
     try:
         thesis: ThesisFit | str = fit_all(sines.series, settings, sign=sign).joint
     except CfidError as error:
@@ -221,7 +216,7 @@ def _of_thesis(found: ThesisFits, sines: SineSet, beside: _Beside) -> Result:
         ),
         sources=sines.sources,
         lines=(
-            *_convention(function, "thesis"),
+            *_convention(function),
             "latencies of radio and load cell are left out, as in the thesis: the time constant is biased by them",
             *beside.lines(function),
         ),
@@ -304,7 +299,7 @@ def _merits(found: Identified) -> dict[str, Any]:
     fit = found.fit
     return {
         "shape": fit.shape,
-        "form": fit.form,
+        "form": "hold",
         "frequencies": len(fit.model),
         "chi_squared": fit.chi_squared,
         "degrees_of_freedom": fit.degrees_of_freedom,
@@ -330,7 +325,7 @@ def _lines(found: Identified) -> list[str | Dependent]:
     """Return lines on H(z), chi-squared and the shapes' scores, each of several series, and the delays."""
     fit = found.fit
     lines: list[str | Dependent] = [
-        *_convention(fit.function, fit.form),
+        *_convention(fit.function),
         f"chi-squared {fit.chi_squared:.1f} for {fit.degrees_of_freedom} degrees of freedom (probability "
         f"{fit.probability:.2g}): the model {'describes' if fit.described else 'does not describe'} {len(fit.model)} "
         "frequencies",
@@ -363,12 +358,16 @@ def _milliseconds(delay_s: float, std_s: float) -> str:
     return f"{1e3 * delay_s:.2f} +- {1e3 * std_s:.2g} ms{zero}"
 
 
-def _convention(function: TransferFunction, form: Form) -> list[Dependent]:
-    """Return H(z) in rising powers of z^-1, and its convention."""
-    lines = (
+def _convention(function: TransferFunction) -> list[Dependent]:
+    """Return H(z) in rising powers of z^-1, and its form; behind a hold also in that of eq. 3.15."""
+    lines = [
         f"H(z) = {function.text}, N of thrust over units of the command",
-        f"coefficients of z^0, z^-1, ... at {1e3 * function.sample_s:.5g} ms, leading 1; {_FORMS[form]}",
-    )
+        f"coefficients of z^0, z^-1, ... at {1e3 * function.sample_s:.5g} ms, leading 1",
+    ]
+    if function.numerator[0] == 0:
+        lines[1] += "; each command is held for a sample and takes effect from then on, hence the numerator's z^-1"
+        at_once = replace(function, numerator=function.numerator[1:])
+        lines.append(f"as (3.15), with a sample more delay: H(z) = {at_once.text}")
     return [Dependent(line, "tf.numerator", "tf.denominator") for line in lines]
 
 

@@ -79,17 +79,6 @@ def test_the_points_of_a_new_rig_lie_on_the_arms_of_motors_1_and_4(tmp_path: Pat
     assert (np.sign(place(above, "m4")) == [-1, 1]).all()
 
 
-def test_a_cube_is_drawn_where_axes_pass_close_to_each_other() -> None:
-    near, apart = (
-        {name: Mount(point_mm=(20 + off * place, 20, 20), direction=(1, place, 0)) for place, name in enumerate("ab")}
-        for off in (3, 60)
-    )
-
-    assert [place(axes, "cube") is not None for axes in panels(mounts_figure(near, AHEAD))] == [True, True]
-    for axes in panels(mounts_figure(apart, AHEAD)):
-        assert "cube" not in {text.get_text() for text in axes.texts}
-
-
 @pytest.mark.parametrize(("yaw_deg", "left"), [(90, (-1, 0)), (0, (0, 1)), (-45, (math.sqrt(0.5), math.sqrt(0.5)))])
 def test_the_cells_x_axis_lies_left_of_the_nose_by_its_yaw(yaw_deg: float, left: tuple[float, float]) -> None:
     above, _ = panels(load_cell_figure(yaw_deg))

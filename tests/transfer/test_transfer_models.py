@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from cfid.transfer.model import EQ_3_15, EQ_3_16, Form, TransferFunction
+from cfid.transfer.model import EQ_3_15, EQ_3_16, TransferFunction
 
 LAGS = [((0.0775,), 0.0), ((0.08, 0.01), 0.0), ((0.05, 0.05), 0.0), ((0.08,), 0.03)]
 COMMANDS = np.random.default_rng(1).uniform(10000, 50000, 400)
@@ -13,11 +13,10 @@ SAMPLES_S = np.arange(400) * np.float64(0.002)
 
 
 @pytest.mark.parametrize(("lags_s", "lead_s"), LAGS)
-@pytest.mark.parametrize("form", ["hold", "thesis"])
 def test_a_simulation_is_the_difference_equation_and_ends_at_the_static_gain(
-    lags_s: tuple[float, ...], lead_s: float, form: Form
+    lags_s: tuple[float, ...], lead_s: float
 ) -> None:
-    function = TransferFunction.of_lags(2.0, lags_s, lead_s=lead_s, form=form)
+    function = TransferFunction.of_lags(2.0, lags_s, lead_s=lead_s)
     force: list[float] = []
     for n in range(len(COMMANDS)):
         fed = sum(b * COMMANDS[n - k] for k, b in enumerate(function.numerator) if n >= k)
@@ -32,11 +31,10 @@ def test_a_simulation_is_the_difference_equation_and_ends_at_the_static_gain(
 
 def test_a_lag_behind_a_hold_has_the_coefficients_of_its_decay_over_a_sample() -> None:
     pole = math.exp(-0.002 / 0.06)
-    hold, thesis = (TransferFunction.of_lags(3e-6, [0.06], form=form) for form in ("hold", "thesis"))
+    function = TransferFunction.of_lags(3e-6, [0.06])
 
-    assert hold.numerator == pytest.approx([0, 3e-6 * (1 - pole)], rel=1e-12)
-    assert thesis.numerator == pytest.approx([3e-6 * (1 - pole)], rel=1e-12)
-    assert hold.denominator == pytest.approx([1, -pole], rel=1e-12)
+    assert function.numerator == pytest.approx([0, 3e-6 * (1 - pole)], rel=1e-12)
+    assert function.denominator == pytest.approx([1, -pole], rel=1e-12)
 
 
 def test_eq_3_15_and_3_16_as_gain_and_time_constant() -> None:
