@@ -1,6 +1,6 @@
 """Provide `cfid log sine`, `cfid tf identify` and `cfid tf verify`: sines, their transfer function, and its check."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -324,17 +324,22 @@ class SineOptions:
         It also keeps the l of its series unless others are given. Raises ConfigError.
         """
         planned = self._named() if self.l is not None else self._planned()
-        if resumed is not None and self.l is None and self.plan == _USUAL_PLAN and len(resumed.periods) > 1:
-            planned = resumed
-        given: dict[str, Any] = {
+        options: dict[str, Any] = {
             "samples": self.n,
             "amplitude": self.amplitude,
             "motors": None if self.motor is None else motors_of(self.motor, (), least=0),
             "series": self.series,
         }
-        if resumed is not None:
-            given = _held(given, resumed)
-        chosen = replace(planned, **{name: value for name, value in given.items() if value is not None})
+        given = {name: value for name, value in options.items() if value is not None}
+        if resumed is None:
+            chosen = replace(planned, **given)
+        else:
+            for name, value in given.items():
+                if value != getattr(resumed, name):
+                    option, has = ("motor", resumed.motors[0]) if name == "motors" else (name, getattr(resumed, name))
+                    raise ConfigError(f"--{option}: the run to resume has {has}: leave the option out.")
+            series_known = self.l is None and self.plan == _USUAL_PLAN and len(resumed.periods) > 1
+            chosen = resumed if series_known else replace(resumed, periods=planned.periods, text=planned.text)
         for l in chosen.periods:  # noqa: E741
             if not 0 <= l <= chosen.samples // 2:
                 raise ConfigError(f"--periods {l}: has to be from 0 to N/2 = {chosen.samples // 2}.")
@@ -364,21 +369,6 @@ class SineOptions:
 def seconds_of_each(sweep: "SineSweep", *, before_s: float) -> float:
     """Return the duration of each sine, with a baseline of `before_s` seconds."""
     return sweep.samples / SAMPLES_PER_S + before_s + _EXTRA_S
-
-
-def _held(given: Mapping[str, Any], resumed: "SineSweep") -> dict[str, Any]:
-    """Return N, A, motor and series of the run to resume. Raises ConfigError where a different one is given."""
-    own = {
-        "samples": resumed.samples,
-        "amplitude": resumed.amplitude,
-        "motors": resumed.motors,
-        "series": resumed.series,
-    }
-    for name, value in given.items():
-        if value is not None and value != own[name]:
-            option, has = ("motor", resumed.motors[0]) if name == "motors" else (name, own[name])
-            raise ConfigError(f"--{option}: the run to resume has {has}: leave the option out.")
-    return own
 
 
 def _series_of(word: Path, campaign: "Campaign") -> "SineSweep":

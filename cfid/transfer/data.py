@@ -30,6 +30,7 @@ Channel = Literal["Fz", "Tx", "Ty", "arm"]
 
 _AXES_OF: Mapping[Channel, tuple[str, ...]] = {"Fz": ("Fz",), "Tx": ("Tx",), "Ty": ("Ty",), "arm": ("Tx", "Ty")}
 _COLUMNS = ("l", "n", "amplitude", "motor", "loadcell", "crossings")
+_STATED = _COLUMNS[:4]  # by an index and by run.toml
 _MOST_SAMPLES = 2**32 - 1
 _ARM = Range(0.015, 0.3, "a Crazyflie has 0.046")
 _GAINS = (
@@ -129,7 +130,8 @@ class _Reader:
         name = f"l = {row.fields['l']} ({crossings.path.name})"
         for path in (crossings.path, row.file("loadcell")):
             if (run := run_holding(path)) is not None and run.header.family == "sine":
-                _refuse_other_sine(f"{name}: {path}", sine, _sine(run))
+                stated = ({key: one.to_run()[key] for key in _STATED} for one in (sine, _sine(run)))
+                refuse_contradiction(f"{name}: {path}", *stated)
         self._add(name, sine, crossings, row.file("loadcell"), facts)
 
     def add_run(self, run: Run, sine: Sine) -> None:
@@ -246,13 +248,6 @@ class _Reader:
         if arm_m is not None:
             self.findings += implausible_inputs([Given("arm", arm_m, _ARM, "m")], None, *_GAINS)
         return arm_m or 1.0, yaw_deg or 0.0
-
-
-def _refuse_other_sine(where: str, given: Sine, own: Sine) -> None:
-    """Raise ConfigError for a row of an index that contradicts the run that contains its file."""
-    names = {"l": "periods", "n": "samples", "amplitude": "amplitude", "motor": "motor"}
-    stated = [{name: getattr(sine, of) for name, of in names.items()} for sine in (given, own)]
-    refuse_contradiction(where, *stated)
 
 
 def _run(run: Run | Path | str) -> Run:

@@ -80,9 +80,10 @@ class TransferFit:
     `values` are static gain, lags, lead (if free) and the series' delays after the fastest reports (if free), and
     `covariance` is theirs: it contains the noise, inflated where chi-squared exceeds its degrees of freedom, and errors
     that runs share. `joint` is the covariance of numerator, denominator, static gain, the longest lag and the mean of
-    these delays. `model` (n,) are the model's values for the responses of all series in a row. `misfit` is the
-    systematic relative difference between them. `delay_scatter_s` is the scatter of delays from run to run;
-    `lag_ratio` is the downward time constant over the upward one, 1 unless they clearly differ.
+    these delays; the `mean_delay` of series shares the errors of gain and lags. `model` (n,) are the model's values for
+    the responses of all series in a row. `misfit` is the systematic relative difference between them.
+    `delay_scatter_s` is the scatter of delays from run to run; `lag_ratio` is the downward time constant over the
+    upward one, 1 unless they clearly differ.
     """
 
     shape: Shape
@@ -91,6 +92,7 @@ class TransferFit:
     covariance: Array
     joint: Array
     delays: Mapping[str, Delay]
+    mean_delay: Delay
     measured: tuple[MeasuredSeries, ...]
     model: Complex
     chi_squared: float
@@ -123,19 +125,6 @@ class TransferFit:
     def time_constant_std_s(self) -> float:
         """The standard uncertainty of the longest lag, in s."""
         return float(self.std[1 + int(self.lags_s.argmax())])
-
-    @property
-    def mean_delay(self) -> Delay:
-        """The mean of the series' delays, which share the errors of gain and lags."""
-        delays, count = list(self.delays.values()), len(self.delays)
-        after_std_s = math.sqrt(max(float(self.joint[-1, -1]), 0.0))
-        lateness_std_s = math.hypot(*(series.mean_lateness_std_s for series in self.measured)) / count
-        return Delay(
-            delay_s=sum(delay.delay_s for delay in delays) / count,
-            std_s=math.hypot(after_std_s, lateness_std_s),
-            after_quickest_s=sum(delay.after_quickest_s for delay in delays) / count,
-            after_quickest_std_s=after_std_s,
-        )
 
     @property
     def probability(self) -> float:
@@ -301,13 +290,32 @@ def fit_transfer(measured: Sequence[MeasuredSeries], *, shape: Shape = "first+de
 
     model = _model(data, solution.values, shape)
     size = float(np.sum(np.abs(model) ** 2 * np.abs(np.linalg.det(data.whitener))))
-    fit = TransferFit(
+    joint = propagated(delivered, values, covariance)
+    after_s = values[dynamic:] if needed > dynamic else np.zeros(len(measured))
+    after_std_s = std_of(covariance)[dynamic:] if needed > dynamic else after_s
+    delays = [
+        _delay(float(after), float(std), series.mean_lateness_s, series.mean_lateness_std_s)
+        for series, after, std in zip(measured, after_s, after_std_s, strict=True)
+    ]
+    mean = _delay(
+        float(after_s.mean()),
+        math.sqrt(max(float(joint[-1, -1]), 0.0)),
+        sum(series.mean_lateness_s for series in measured) / len(measured),
+        math.hypot(*(series.mean_lateness_std_s for series in measured)) / len(measured),
+    )
+    return TransferFit(
         shape=shape,
-        function=function_at(values),
+        function=replace(
+            function_at(values),
+            delay_s=mean.delay_s,
+            delay_std_s=mean.after_quickest_std_s,
+            after_quickest_s=mean.after_quickest_s,
+        ),
         values=values,
         covariance=covariance,
-        joint=propagated(delivered, values, covariance),
-        delays=_delays(measured, values[dynamic:], covariance),
+        joint=joint,
+        delays={series.name: delay for series, delay in zip(measured, delays, strict=True)},
+        mean_delay=mean,
         measured=tuple(measured),
         model=model,
         chi_squared=solution.cost,
@@ -316,14 +324,6 @@ def fit_transfer(measured: Sequence[MeasuredSeries], *, shape: Shape = "first+de
         delay_scatter_s=scatter_s,
         lag_ratio=(1 + excess) / (1 - excess),
     )
-    mean = fit.mean_delay
-    function = replace(
-        fit.function,
-        delay_s=mean.delay_s,
-        delay_std_s=mean.after_quickest_std_s,
-        after_quickest_s=mean.after_quickest_s,
-    )
-    return replace(fit, function=function)
 
 
 def _lags(shape: Shape) -> int:
@@ -515,18 +515,9 @@ def _excess_of_rise(data: _Data, *, lag_s: float) -> tuple[float, Array]:
     return excess, excess * 8 / math.pi * lagged * bent * size
 
 
-def _delays(measured: Sequence[MeasuredSeries], after_s: Array, covariance: Array) -> dict[str, Delay]:
-    stds = std_of(covariance)[len(covariance) - len(after_s) :]
-    pairs = zip(after_s, stds, strict=True) if len(after_s) else [(0.0, 0.0)] * len(measured)
-    return {
-        series.name: Delay(
-            delay_s=float(after - series.mean_lateness_s),
-            std_s=math.hypot(std, series.mean_lateness_std_s),
-            after_quickest_s=float(after),
-            after_quickest_std_s=float(std),
-        )
-        for series, (after, std) in zip(measured, pairs, strict=True)
-    }
+def _delay(after_quickest_s: float, after_std_s: float, lateness_s: float, lateness_std_s: float) -> Delay:
+    std_s = math.hypot(after_std_s, lateness_std_s)
+    return Delay(after_quickest_s - lateness_s, std_s, after_quickest_s, after_std_s)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

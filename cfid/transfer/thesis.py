@@ -87,7 +87,10 @@ class ThesisFit:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ThesisFits:
-    """One fit per series, and the least squares of all their responses, each with the weights it had."""
+    """One fit per series, and the least squares (eq. 3.14) of all their responses, each with the weights it had.
+
+    The thesis itself keeps its series apart.
+    """
 
     each: Mapping[str, ThesisFit]
     joint: ThesisFit
@@ -112,7 +115,15 @@ def fit_all(
         name: fit_thesis([_upward(run, sign) for run in runs], settings(runs[0].sine.samples))
         for name, runs in series.items()
     }
-    joint = next(iter(each.values())) if len(each) == 1 else join_thesis(list(each.values()), settings(0))
+    fits = list(each.values())
+    if len(fits) == 1:
+        return ThesisFits(each=each, joint=fits[0])
+    joint = _solved(
+        [response for fit in fits for response in fit.responses],
+        np.concatenate([fit.weights for fit in fits]),
+        [finding for fit in fits for finding in fit.findings],
+        settings(0),  # only A and B, which all series have in common
+    )
     return ThesisFits(each=each, joint=joint)
 
 
@@ -134,17 +145,6 @@ def fit_thesis(recorded: Sequence[RecordedSine], settings: ThesisSettings = FIRS
                 findings.append(warning("thesis-peak-elsewhere", text, "tf.*").at(run.name))
     slow = np.array([response.periods <= settings.low_up_to for response in responses], dtype=bool)
     return _solved(responses, np.where(slow, settings.weight_low, settings.weight_high), findings, settings)
-
-
-def join_thesis(fits: Sequence[ThesisFit], settings: ThesisSettings) -> ThesisFit:
-    """Solve eq. 3.14 for the responses of several series at once, each with the weights it had.
-
-    Only A and B of `settings` are used. The thesis itself keeps its series apart. Raises FitError for too few
-    responses.
-    """
-    responses = [response for fit in fits for response in fit.responses]
-    findings = [finding for fit in fits for finding in fit.findings]
-    return _solved(responses, np.concatenate([fit.weights for fit in fits]), findings, settings)
 
 
 def thesis_response(run: RecordedSine, *, settle_samples: int = FIRST_SERIES.settle_samples) -> ThesisResponse:

@@ -169,7 +169,7 @@ def test_one_wrong_line_of_a_file_is_left_out_and_named_and_the_sines_are_identi
 ) -> None:
     usual = tf.json("identify", "--index", index)["parameters"]["tf.time_constant_s"]
     SINGLE[fault](index.parent)
-    said = tf("identify", "--index", index, "--no-figures")
+    said = tf("identify", "--index", index, "--no-figures", "--verbose")
     found = tf.json("identify", "--index", index)["parameters"]["tf.time_constant_s"]
     assert said.returncode == 0, said.stderr
     assert "left out" in said.stderr
@@ -271,7 +271,7 @@ def test_readings_of_a_slow_load_cell_that_rows_repeat_count_once(tf: Here, inde
 
 def test_sines_that_are_too_fast_for_a_slow_load_cell_are_left_out_by_name(tf: Here, index: Path) -> None:
     hold_readings(index.parent, 0.1)
-    ended = tf("identify", "--index", index, "--no-figures")
+    ended = tf("identify", "--index", index, "--no-figures", "--verbose")
 
     assert "Traceback" not in ended.stderr
     assert "10 samples of force a second are too few for a sine of" in " ".join(ended.stderr.split())
