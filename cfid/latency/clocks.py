@@ -1,4 +1,4 @@
-"""Compares two clocks by stamps that can only be late: by a device's own stamps, or by a sine's phase alone.
+"""Compares two clocks by stamps that can only be late.
 
 No packet is early: host times over device times lie above a line, each by how much later its packet came than the
 quickest one. The average line through them lies above that line by the mean lateness. Every offset here contains the
@@ -10,7 +10,6 @@ synchronization algorithms for network measurements, INFOCOM 2002, for the lower
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -70,13 +69,6 @@ class ClockLine:
     def skew(self) -> float:
         """The relative excess of the device's rate: -1/85 for a clock that runs at 84/85."""
         return 1 / self.rate - 1
-
-
-class Start(NamedTuple):
-    """The host's time in s at which sample 0 was played, plus the least latency, and its standard uncertainty."""
-
-    start_s: float
-    std_s: float
 
 
 def clock_line(device_s: Array, host_s: Array) -> ClockLine:
@@ -163,32 +155,6 @@ def unwrapped_s(counter_s: Array, host_s: Array) -> Array:
     return np.asarray(counter_s + COUNTER_S * np.round(passed / COUNTER_S))
 
 
-def least_of(lateness_s: Array, count: float) -> tuple[float, float]:
-    """Return mean and standard deviation of the least of `count` draws from observed lateness (n,)."""
-    ordered = np.sort(lateness_s)
-    left = (len(ordered) - np.arange(len(ordered) + 1)) / len(ordered)
-    weight = left[:-1] ** count - left[1:] ** count
-    mean = float(weight @ ordered)
-    # The least of few observed values is always the same one: that of an exponential would still scatter.
-    scatter = float(ordered.mean() - ordered[0]) / count
-    return mean, max(math.sqrt(float(weight @ (ordered - mean) ** 2)), scatter)
-
-
-def start_by_phase(lag_s: Array, *, lateness_s: Array, spacing_s: float) -> Start:
-    """Return the start of a sine whose reports (n,) give sample numbers, but no time of the vehicle.
-
-    `lag_s` (n,) is each report's time less its sample's time within the sine, `lateness_s` (m,) the observed lateness
-    of reports that wait for no other, and `spacing_s` the time between two reports. Packets do not overtake each other,
-    so closely spaced ones are seldom early. The start is the lower envelope or the average, whichever scatters less.
-    """
-    unhindered = _unhindered(lateness_s, spacing_s)
-    least, least_std = least_of(lateness_s, max(len(lag_s) * unhindered, 1.0))
-    mean_std = float(lateness_s.std()) / math.sqrt(len(lag_s))
-    if least_std <= mean_std or unhindered < 0.9:
-        return Start(float(lag_s.min()) - least, least_std)
-    return Start(float(lag_s.mean() - lateness_s.mean()), mean_std)
-
-
 def sessions(first_device_s: Sequence[float], first_host_s: Sequence[float]) -> list[int]:
     """Return a number for each run, in order of time: runs with the same number share one clock.
 
@@ -220,9 +186,3 @@ def _edge_below(place: Array, height: Array) -> tuple[float, float]:
 def _is_above(point: tuple[float, float], before: tuple[float, float], after: tuple[float, float]) -> bool:
     along = (after[0] - before[0]) * (point[1] - before[1])
     return along >= (after[1] - before[1]) * (point[0] - before[0])
-
-
-def _unhindered(lateness_s: Array, spacing_s: float) -> float:
-    """Return the share of reports, `spacing_s` apart, that wait for none of those before."""
-    ahead = spacing_s * np.arange(1, 1 + int(lateness_s.max() / max(spacing_s, 1e-4)))
-    return float(np.prod(np.searchsorted(np.sort(lateness_s), ahead) / len(lateness_s)))

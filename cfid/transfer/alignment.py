@@ -18,7 +18,7 @@ from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.estimate.linear import mean_of
 from cfid.findings import Finding, note, warning
-from cfid.latency.clocks import COUNTER_S, ClockLine, clock_line, sessions, start_by_phase, unwrapped_s
+from cfid.latency.clocks import COUNTER_S, ClockLine, clock_line, sessions, unwrapped_s
 from cfid.transfer.plan import SAMPLE_S, Sine
 
 Array = npt.NDArray[np.float64]
@@ -39,7 +39,7 @@ _LARGEST_GAP_S = 0.25
 # Reports at least this far apart do not, or seldom, wait for each other in the radio.
 _APART_S, _NEAR_S = 0.06, 0.035
 _LOOP_STD = 1.5e-3  # the firmware warns when its loop period is more than 0.3 % off
-_FEWEST_USUAL = 12  # reports of a run, the least from which the shortest delay is known
+_HELD_UP = 50  # reports back, the earliest that may still hold one up
 
 
 class Reports(NamedTuple):
@@ -291,7 +291,11 @@ def _line_rows(reports: Matched, *, alone: bool) -> Rows:
 
 
 def _by_phase(matched: Sequence[Matched]) -> list[_Synchronised]:
-    """Find the start of each run from its own reports; sampling time and the radio's jitter come from all runs."""
+    """Find the start of each run from its earliest report; sampling time and mean lateness come from all runs.
+
+    The least of n latencies that are exponential beyond the quickest lies 1/n of their mean above it, and scatters by
+    as much.
+    """
     rates, weights = [1.0], [_LOOP_STD**-2]
     for reports in matched:
         rows = _line_rows(reports, alone=False)
@@ -302,21 +306,19 @@ def _by_phase(matched: Sequence[Matched]) -> list[_Synchronised]:
     sample_s = SAMPLE_S * float(np.average(rates, weights=weights))
     lags = [reports.host_s - reports.sample * sample_s for reports in matched]
     free = [lag[reports.waits_for_none(sample_s)] for reports, lag in zip(matched, lags, strict=True)]
-    usual = _usual_lateness(free if sum(map(len, free)) > _FEWEST_USUAL else lags)
-    shared_s = {"quickest": float(usual.mean()) * math.sqrt(len(free)) / len(usual)}
+    usual = free if any(len(lag) > 1 for lag in free) else lags
+    count = sum(map(len, usual))
+    late_s = float(sum((lag - lag.min()).sum() for lag in usual)) / max(count - len(usual), 1)
+    shared_s = {"quickest": late_s * math.sqrt(len(usual)) / count}
     starts = []
     for reports, lag in zip(matched, lags, strict=True):
-        spacing_s = float(np.ptp(reports.sample)) * sample_s / max(len(reports.sample) - 1, 1)
-        start_s, std_s = start_by_phase(lag, lateness_s=usual, spacing_s=spacing_s)
-        starts.append(_Synchronised(start_s, std_s, shared_s, sample_s, lag - start_s))
+        # Packets do not overtake each other: of dense reports, those count that none before them would have held up.
+        spacing_s = float(np.ptp(reports.sample)) * sample_s / max(len(lag) - 1, 1)
+        held_up = np.exp(-np.arange(1, 1 + _HELD_UP) * spacing_s / max(late_s, 1e-9))
+        least_s = late_s / max(len(lag) * float(np.prod(1 - held_up)), 1.0)
+        start_s = float(lag.min()) - least_s
+        starts.append(_Synchronised(start_s, least_s, shared_s, sample_s, lag - start_s))
     return starts
-
-
-def _usual_lateness(lags: Sequence[Array]) -> Array:
-    """Return the delays of reports after the fastest, from runs with enough reports to know the fastest."""
-    enough = min(_FEWEST_USUAL, max(len(lag) for lag in lags))
-    above = [lag - lag.min() for lag in lags if len(lag) >= enough]
-    return np.concatenate([late_s + late_s.sum() / (len(late_s) * max(len(late_s) - 1, 1)) for late_s in above])
 
 
 def _cut(recorded: RecordedSine, by: _Synchronised, sign: Sign) -> SineRun:

@@ -1,4 +1,4 @@
-"""Clocks compared by stamps that arrive late: lines under the stamps, counters that wrap, starts found from a phase."""
+"""Clocks compared by stamps that arrive late: lines under the stamps, counters that wrap."""
 
 import numpy as np
 import numpy.typing as npt
@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cfid.errors import DataError
-from cfid.latency.clocks import COUNTER_S, clock_line, least_of, sessions, start_by_phase, unwrapped_s
+from cfid.latency.clocks import COUNTER_S, clock_line, sessions, unwrapped_s
 
 Array = npt.NDArray[np.float64]
 
@@ -84,38 +84,3 @@ def test_a_vehicle_that_was_restarted_has_another_clock() -> None:
 
     assert sessions([own_s % COUNTER_S for own_s in whole_s], host_s) == [0, 0, 0, 0, 0]
     assert sessions([*whole_s[:3], 7.0, 7.0 + 84 / 85 * 11], host_s) == [0, 0, 0, 1, 1]
-
-
-def test_the_least_of_many_is_that_of_theory_for_exponentials() -> None:
-    drawn = np.random.default_rng(4).exponential(1.0, 20000)
-
-    assert least_of(drawn, 1) == pytest.approx((1.0, 1.0), rel=0.03)
-    assert least_of(drawn, 10) == pytest.approx((0.1, 0.1), rel=0.03)
-
-
-@pytest.mark.parametrize(
-    ("kind", "better_than_s"), [("exponential", 0.3 * JITTER_S / np.sqrt(60)), ("normal", 1.2 * JITTER_S / np.sqrt(60))]
-)
-def test_a_start_by_phase_takes_the_envelope_or_the_average_whichever_scatters_less(
-    kind: str, better_than_s: float
-) -> None:
-    rng = np.random.default_rng(5)
-
-    def draw(count: int) -> Array:
-        return rng.exponential(JITTER_S, count) if kind == "exponential" else rng.normal(0.06, JITTER_S, count)
-
-    usual = draw(4000)
-    starts = [start_by_phase(7.0 + draw(60), lateness_s=usual, spacing_s=0.2) for _ in range(1000)]
-    errors = np.array([start.start_s - 7.0 for start in starts])
-
-    assert abs(errors.mean()) < 0.1 * JITTER_S
-    assert errors.std() < better_than_s
-    assert np.std(errors / [start.std_s for start in starts]) == pytest.approx(1.0, abs=0.2)
-
-
-def test_dense_reports_count_as_few_since_each_waits_for_those_before() -> None:
-    usual = np.random.default_rng(6).exponential(JITTER_S, 4000)
-    lag_s = np.full(4000, 0.09)
-    dense, sparse = (start_by_phase(lag_s, lateness_s=usual, spacing_s=spacing_s) for spacing_s in (0.002, 0.2))
-
-    assert dense.std_s > 10 * sparse.std_s
