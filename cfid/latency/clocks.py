@@ -49,7 +49,6 @@ class ClockLine:
     middle_host_s: float
     offset_std_s: float
     lateness_s: Array
-    mean_rate: float
     mean_offset_s: float
 
     def host_s(self, device_s: npt.ArrayLike) -> Array:
@@ -92,7 +91,6 @@ def clock_line(device_s: Array, host_s: Array) -> ClockLine:
     above = height - level - slope * place
     count = len(place)
     scale = float(above.sum()) / (count - 2)
-    average = np.polynomial.polynomial.polyfit(place, height, 1)
     raised, single = _RAISED * scale / count, (1 + _FEW / (count - 2)) * scale / count
     thinner = _thinner_at_the_edge(above, scale)
     single *= thinner
@@ -109,8 +107,7 @@ def clock_line(device_s: Array, host_s: Array) -> ClockLine:
         middle_host_s=first + middle - float(device_s[0]) + level - raised,
         offset_std_s=offset_std_s,
         lateness_s=above + raised,
-        mean_rate=1 + float(average[1]),
-        mean_offset_s=float(average[0]) - level + raised,
+        mean_offset_s=float(height.mean()) - level + raised,
     )
 
 

@@ -8,7 +8,7 @@ lead responds at once.
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -92,10 +92,8 @@ class TransferFunction:
             raise DataError(f"{error} Identify the transfer function again.") from None
         if delay_s is not None:
             return function
-        return cls(
-            numerator=function.numerator,
-            denominator=function.denominator,
-            delay_s=average_s,
+        return replace(
+            function,
             delay_std_s=(average if quickest is None else quickest).std or 0.0,
             after_quickest_s=None if quickest is None else quickest.value,
         )

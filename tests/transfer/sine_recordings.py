@@ -45,10 +45,6 @@ def noiseless_bench(rate_hz: float) -> Bench:
     return Bench(rate_hz=rate_hz, radio=PUNCTUAL, loadcell_latency_s=0.0, loadcell=SILENT_CELL, vehicle_clock=1.0)
 
 
-def quiet_cell(noise: float) -> LoadCellTruth:
-    return LoadCellTruth(noise_std=(noise,) * 3 + (noise * ARM_M,) * 3)
-
-
 def recorded(runs: Sequence[SimulatedSine], *, stamped: bool = True, channel: Channel = "Ty") -> list[RecordedSine]:
     return [_recorded(run, stamped, channel) for run in runs]
 

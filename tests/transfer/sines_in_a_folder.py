@@ -15,8 +15,7 @@ from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import LoadCellMount, RigFacts
 from cfid.records.run import DeviceRecord, Label, Run
 from cfid.records.run_writer import create_run
-from cfid.sim.loadcell import LoadCellTruth
-from tests.offline.sine_bench import ARM_M, Bench, LinearTruth, SimulatedSine, simulate_sines
+from tests.offline.sine_bench import Bench, LinearTruth, SimulatedSine, simulate_sines
 
 GAIN_N, LAG_S = 2.3828e-6, 0.0775  # near eq. 3.15
 TRUTH = LinearTruth(static_gain_n=GAIN_N, time_constant_s=LAG_S, vibration_n=0.02)
@@ -68,11 +67,6 @@ def sines(
     bench: Bench = USUAL,
 ) -> list[SimulatedSine]:
     return simulate_sines(truth, periods=periods, samples=samples, rng=np.random.default_rng(seed), bench=bench)
-
-
-def noiseless(rate_hz: float = 500) -> Bench:
-    silent = LoadCellTruth(bias=(0.0,) * 6, drift_per_s=(0.0,) * 6, noise_std=(1e-4,) * 3 + (1e-4 * ARM_M,) * 3)
-    return Bench(rate_hz=rate_hz, loadcell=silent)
 
 
 def write_index(

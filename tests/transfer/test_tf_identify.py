@@ -88,16 +88,6 @@ def test_files_of_the_thesis_kind_need_no_stamps_of_the_vehicle(
     assert any("crossings carry no time of the vehicle" in warning for warning in sentences(content))
 
 
-@pytest.mark.parametrize("channel", ["Ty", "Fz", "arm"])
-def test_every_channel_that_measures_the_motor_gives_the_same(
-    tf: Here, tmp_path: Path, first: list[SimulatedSine], channel: str
-) -> None:
-    index = write_index(tmp_path, {"": first})
-    parameters = found(tf, "--index", index, "--channel", channel)["parameters"]
-
-    assert parameters["tf.static_gain_n"]["value"] == pytest.approx(GAIN_N, rel=0.01)
-
-
 def test_the_sign_that_is_given_is_kept_and_a_gain_below_zero_is_reported(
     tf: Here, tmp_path: Path, first: list[SimulatedSine]
 ) -> None:
