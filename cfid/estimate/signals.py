@@ -1,4 +1,4 @@
-"""Process sampled signals of any kind: blocks, half-swings, means among lines and spikes, spectra, correlated noise."""
+"""Process sampled signals of any kind: blocks, means among lines and spikes, spectra, correlated noise."""
 
 import math
 from typing import NamedTuple
@@ -59,46 +59,6 @@ def check_dense(time_s: Array) -> None:
             f"gap, of {time_s[longest + 1] - time_s[longest]:.3g} s, follows the first "
             f"{time_s[longest] - time_s[0]:.3g} s. Was the clock set? Fit a file of one part."
         )
-
-
-class HalfSwing(NamedTuple):
-    """Samples first..last (inclusive) on one side of the rest angle; `extreme` is the farthest of them."""
-
-    first: int
-    last: int
-    extreme: int
-    side: int
-
-
-def half_swings(angle_rad: Array, *, threshold_rad: float) -> list[HalfSwing]:
-    """Cut a record (n,) that swings about zero into half-swings that exceed +- threshold.
-
-    A side counts once the angle is beyond the threshold there, so that noise about zero makes no half-swings.
-    """
-    side = np.where(angle_rad > threshold_rad, 1, np.where(angle_rad < -threshold_rad, -1, 0))
-    beyond = np.flatnonzero(side)
-    if len(beyond) == 0:
-        return []
-    changes = np.flatnonzero(np.diff(side[beyond])) + 1
-    halves = []
-    for stretch in np.split(beyond, changes):
-        first, last = int(stretch[0]), int(stretch[-1])
-        extreme = first + int(np.argmax(np.abs(angle_rad[first : last + 1])))
-        halves.append(HalfSwing(first, last, extreme, int(side[first])))
-    return halves
-
-
-def vertex(time_s: Array, value: Array) -> tuple[float, float]:
-    """Return time and value of the extreme of a parabola through samples (n,) around a peak."""
-    middle = float(time_s.mean())
-    span = float(np.ptp(time_s)) or 1.0
-    place = (time_s - middle) / span
-    # The solution of least norm: where time stamps repeat so often that no parabola is determined, it is flat.
-    curve, slope, level = np.linalg.lstsq(np.vander(place, 3), value, rcond=1e-9)[0]
-    if curve == 0:
-        return middle, float(level)
-    at = float(np.clip(-slope / (2 * curve), place[0], place[-1]))
-    return middle + span * at, float(level + slope * at + curve * at**2)
 
 
 def resample(time_s: Array, value: Array, *, step_s: float) -> tuple[Array, Array]:

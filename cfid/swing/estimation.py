@@ -411,8 +411,8 @@ def _over_limits(
     if not distortion <= distortion_limit:
         text = (
             f"within a period the motion differs from a pendulum's by {_percent(distortion)} of the start angle (limit "
-            f"{_percent(distortion_limit)}). Likely causes: a soft arm, a cable, a loose mount, a hand; on threads, "
-            "that they are not alike."
+            f"{_percent(distortion_limit)}). Likely causes: a soft arm, a cable, a loose mount, a hand, an "
+            "encoder that froze; on threads, that they are not alike."
         )
         findings.append(rejection("swing-waveform-distorted", text, _ALL))
     if not abs(drift) <= max(DRIFT_LIMIT, UNUSUAL_STD * drift_std):

@@ -1,4 +1,4 @@
-"""Draw a free swing and its fits: cfid's own, with its equation of motion integrated anew, and those of the thesis."""
+"""Draw a free swing and its fits: cfid's own, and those of the thesis."""
 
 import math
 from typing import Any
@@ -9,7 +9,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.gridspec import GridSpec
 from matplotlib.transforms import ScaledTranslation
-from scipy.integrate import solve_ivp
 
 from cfid.counted import counted
 from cfid.drawing.numbers import plus_minus
@@ -31,7 +30,6 @@ from cfid.drawing.style import (
 )
 from cfid.findings import texts
 from cfid.swing.estimation import SwingFit
-from cfid.swing.pendulum import SLOW_RAD_PER_S, Coefficients, Threads, sample
 from cfid.swing.thesis import DampedCosine, FlexibleFunction
 from cfid.swing.window import FreeSwing
 from cfid.units import COVERAGE_95
@@ -44,20 +42,18 @@ _TIME = "time (s)"
 _DEGREES = "angle (°)"
 _RADIANS = "angle (rad)"
 _RATE = "rate (°/s)"
-_TOLERANCE = 1e-8
 
 
 @styled
 def swing_figure(swing: FreeSwing, fit: SwingFit, *, title: str) -> Figure:
-    """Return the page of one swing: recording, fit, residual, its correlation, and the motion re-integrated.
+    """Return the page of one swing: recording, fit, residual and its correlation, as in figures 2.10 to 2.12.
 
-    It corresponds to figures 2.10 to 2.12 and to the end of C.1.3. Times count from the record's first sample;
-    rejections are printed in red at the top.
+    Times count from the record's first sample; rejections are printed in red at the top.
     """
     rejected = [f"Rejected: {text}" for text in texts(fit.findings, "rejection")]
-    heights_in = (2.1, 2.0, 1.5, 2.0, 2.0)
+    heights_in = (2.1, 2.0, 1.5, 2.0)
     page, grid = figure(
-        5, 2, heights_in=heights_in, title=title, rejections=rejected, notes=texts(fit.findings, "note", "warning")
+        4, 2, heights_in=heights_in, title=title, rejections=rejected, notes=texts(fit.findings, "note", "warning")
     )
     time, residual = swing.hands_off[0], fit.output_error.residual_rad
     per_s = fit.output_error.setup.gyro_per_s or 1.0
@@ -69,14 +65,7 @@ def swing_figure(swing: FreeSwing, fit: SwingFit, *, title: str) -> Figure:
     _draw_overlay(shown, time, reading, fitted, title="(b) fit in the window", quantity=quantity)
     _draw_residual(page.add_subplot(grid[2, :]), time, residual, title="(c) record less fit")
     _draw_autocorrelation(page.add_subplot(grid[3, 0]), swing, fit)
-    motion = fitted_motion(fit, swing.time_s[swing.release :])
-    words(
-        page.add_subplot(grid[3, 1]),
-        "what was found",
-        _found(swing, fit, motion),
-        red=() if fit.accepted else (_ACCEPTED,),
-    )
-    _draw_motion(page.add_subplot(grid[4, :]), swing, motion)
+    words(page.add_subplot(grid[3, 1]), "what was found", _found(fit), red=() if fit.accepted else (_ACCEPTED,))
     page.align_ylabels()
     return page
 
@@ -180,38 +169,18 @@ def _draw_autocorrelation(axes: Axes, swing: FreeSwing, fit: SwingFit) -> None:
     legend(axes)
 
 
-def _found(swing: FreeSwing, fit: SwingFit, motion_rad: Array) -> list[tuple[str, str]]:
+def _found(fit: SwingFit) -> list[tuple[str, str]]:
     names = ("natural frequency²", "viscous damping", "Coulomb friction", "quadratic drag")
     units = ("s⁻²", "s⁻¹", "s⁻²", "rad⁻¹")
     constants = zip(names, units, fit.coefficients[:4], fit.std[:4], strict=True)
-    window = slice(swing.hand_gone, swing.end + 1)
-    fitted = sample(fit.output_error.trajectory, swing.time_s[window])
-    apart = np.max(np.abs(motion_rad[window.start - swing.release : window.stop - swing.release] - fitted))
     return [
         *((name, plus_minus(value, std, unit=unit)) for name, unit, value, std in constants if value),
         ("zero", plus_minus(1e3 * fit.coefficients.zero_rad, 1e3 * fit.std.zero_rad, unit="mrad")),
         ("misfit", f"{100 * fit.misfit:.2g} %"),
         ("distortion", f"{100 * fit.distortion:.2g} %, limit {100 * fit.distortion_limit:.2g} %"),
         ("drift", plus_minus(100 * fit.drift, 100 * fit.drift_std, unit="%")),
-        ("integrated anew", f"≤ {1e3 * apart:.2g} mrad from the fit"),
         (_ACCEPTED, "yes" if fit.accepted else "NO"),
     ]
-
-
-def _draw_motion(axes: Axes, swing: FreeSwing, motion_rad: Array) -> None:
-    free = slice(swing.release, None)
-    name_panel(axes, "(e) equation of motion integrated anew", x=_TIME, y=_DEGREES)
-    draw_line(
-        axes,
-        swing.time_s[free],
-        np.degrees(swing.angle_rad[free]),
-        color=RECORDED_BELOW,
-        lw=2.6,
-        label="recorded",
-    )
-    draw_line(axes, swing.time_s[free], np.degrees(motion_rad), color=MODEL, lw=0.8, label="integrated")
-    axes.axvline(swing.time_s[swing.end], color=WINDOW, lw=1.0, label="window's end")
-    legend(axes)
 
 
 def _draw_flexible(page: Figure, grid: GridSpec, swing: FreeSwing, flexible: FlexibleFunction) -> None:
@@ -226,82 +195,3 @@ def _draw_flexible(page: Figure, grid: GridSpec, swing: FreeSwing, flexible: Fle
         axes = page.add_subplot(grid[row, :])
         name_panel(axes, title, x=_TIME, y=quantity)
         draw_line(axes, time, values, color=MODEL, lw=0.9)
-
-
-def fitted_motion(fit: SwingFit, time_s: Array) -> Array:
-    """Return the angle (n,) at increasing times (n,) by an adaptive integrator of SciPy, from the fit's start on.
-
-    It shares nothing with the fit's collocation except the fitted values, so that their agreement is evidence for both
-    (as at the end of C.1.3, with ode45). With dry friction, each half-swing is integrated separately, because the
-    integrator cannot step over a jump, and the body stops where gravity no longer overcomes the friction.
-    """
-    start = fit.output_error
-    state = np.array([start.start_angle_rad, start.start_speed_rad_per_s])
-    now, end = start.trajectory.start_s, float(time_s[-1])
-    angle = np.full(len(time_s), state[0])
-    while now < end and (side := _side(state, start.coefficients)):
-        segment = _until_it_turns(state, start.coefficients, start.setup.threads, side, (now, end))
-        turned = segment.status == 1
-        reached = float(segment.t[-1])
-        state = np.array([segment.y[0, -1], 0.0 if turned else segment.y[1, -1]])
-        inside = (time_s >= now) & (time_s <= reached)
-        if np.any(inside):  # a half-swing may lie in a gap of the recording
-            angle[inside] = segment.sol(time_s[inside])[0]
-        angle[time_s > reached] = state[0]
-        now = reached
-    return angle
-
-
-def _side(state: Array, coefficients: Coefficients) -> float:
-    """Return the sign of the body's next motion, 0 if dry friction holds it."""
-    if state[1] != 0.0:
-        return float(np.sign(state[1]))
-    turned = state[0] - coefficients.zero_rad
-    pull = -coefficients.natural_frequency_squared_s2 * np.sin(turned) - coefficients.spring_per_s2 * turned
-    return float(np.sign(pull)) if abs(pull) > _dry_friction(state, coefficients) else 0.0
-
-
-def _dry_friction(state: Array, coefficients: Coefficients) -> float:
-    """Return the size of dry friction at an angle and a speed, per inertia."""
-    slow, less_slow = (np.exp(-((state[1] / limit) ** 2)) for limit in SLOW_RAD_PER_S)
-    aside = 1 - np.cos(state[0] - coefficients.zero_rad)
-    return float(coefficients.coulomb_per_s2 + np.dot(coefficients[-3:], [slow, less_slow, aside]))
-
-
-class _Turning:
-    """Detect for solve_ivp that the speed falls to zero, for a body that moves to one side."""
-
-    terminal = True
-
-    def __init__(self, side: float) -> None:
-        self.direction = -side
-
-    def __call__(self, _: float, state: Array) -> float:
-        return float(state[1])
-
-
-def _until_it_turns(
-    state: Array, coefficients: Coefficients, threads: Threads, side: float, span_s: tuple[float, float]
-) -> Any:
-    """Integrate to the end or, with dry friction, until the body turns."""
-    stiffness, viscous, _, quadratic, zero, spring, *_ = coefficients
-
-    def derivative(_: float, y: Array) -> tuple[float, float]:
-        drag = viscous * y[1] + quadratic * y[1] * abs(y[1]) + _dry_friction(y, coefficients) * side
-        drag += spring * (y[0] - zero)
-        height = np.sqrt(1 - 2 * threads.ratio * (1 - np.cos(y[0] - zero)))  # relative to that at rest
-        pull = np.sin(y[0] - zero) / height
-        steeper = np.cos(y[0] - zero) / height + threads.ratio * pull**2 / height
-        rise = stiffness * threads.fall_s2 * pull
-        return y[1], -(stiffness * pull + rise * steeper * y[1] ** 2 + drag) / (1 + rise * pull)
-
-    return solve_ivp(
-        derivative,
-        span_s,
-        state,
-        method="DOP853",
-        rtol=_TOLERANCE,
-        atol=_TOLERANCE,
-        dense_output=True,
-        events=_Turning(side) if any(coefficients[2:3] + coefficients[-3:]) else None,
-    )

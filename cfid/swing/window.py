@@ -1,4 +1,4 @@
-"""Find the free swing in a record: rest, release, peaks and window, and readings that are held. Fits nothing.
+"""Find the free swing in a record: rest, release, peaks and window. Fits nothing.
 
 This is section 2.4.4 of the thesis with its manual work replaced: the rest angle is taken from the end of the record
 instead of its twentieth sample, the release is where the hand lets go instead of the highest sample, and the peaks on
@@ -17,7 +17,7 @@ import numpy.typing as npt
 from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
 from cfid.estimate.held_readings import first_rows, rows_a_reading
-from cfid.estimate.signals import GRID_S, HalfSwing, check_dense, half_swings, resample, smooth, vertex
+from cfid.estimate.signals import GRID_S, check_dense, resample, smooth
 from cfid.findings import Finding, warning
 from cfid.recordings.angle import AngleRecord
 from cfid.recordings.gyro import SCALE_STD
@@ -37,17 +37,7 @@ _GROWTH = 1.05  # a free swing's peaks only decrease
 _STANDING_STILL = 0.05  # of the highest speed in the first fall
 _HAND_GONE = 0.8  # of the release angle: at this angle, the fingers are open
 _UPPERMOST = 0.95  # of a peak: above it lies an eighth of a period
-_OFF_A_COSINE = 0.3  # of the amplitude: the largest distance from a cosine; a swing of 90 degrees has less
 _GAP_S = 0.25  # between rows of a gyro: across a longer gap, its angle is unknown
-
-# A frozen segment has at least this many equal readings, and lasts this many times as long as a reading usually does: a
-# slow encoder repeats all of its readings.
-_FEWEST, _LONGER = 4, 4.0
-_SHORTEST = 1 / 40  # of a period: on a busy computer, readings may have time stamps within less
-_AROUND = 1 / 8  # of a period on either side, in which a cubic describes a swing
-# The largest distance between a cubic and equal readings, in steps of the encoder and in standard deviations of its
-# noise.
-_STEPS, _SCATTERS = 3.0, 5.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,7 +112,7 @@ def swing_in(
     """Find the free swing of a recording; `threads` carry the body, `window` are arguments of `find_swing`.
 
     Of an encoder that repeats its readings, the first row of each counts: a row that repeats one shows an earlier
-    angle. Raises DataError that names the file, also where readings stand still while the body swings.
+    angle. Raises DataError that names the file.
     """
     time_s, angle_rad = record.time_s, record.angle_rad
     try:
@@ -138,8 +128,6 @@ def swing_in(
             readings = first_rows(angle_rad, rows=rows)
             swing = find_swing(time_s[readings], angle_rad[readings], **window)
             swing = replace(swing, findings=(*swing.findings, warning("swing-angle-repeated", text, "swing.*")))
-        if record.rates is None:
-            _check_frozen(swing)
     except DataError as error:
         raise DataError(f"{record.path}: {error}{_unsummed(record)}") from None
     if record.rates is None:
@@ -187,8 +175,7 @@ def find_swing(
     """Find the free swing in a record (n,) of increasing times and a continuous angle.
 
     `peaks` ends the window at that peak, with the release as the first; otherwise the window ends at the last peak of
-    at least `smallest_peak_rad`. `from_s` and `to_s` (since the first sample) are given limits of the window; a body
-    that is still at rest or held at `from_s` swings from its release on.
+    at least `smallest_peak_rad`. `from_s` and `to_s`, since the first sample, cut the record.
 
     Raises DataError when the angle never moves, goes over the top, or shows fewer than four peaks, or when there are
     too few samples for their time.
@@ -206,36 +193,63 @@ def find_swing(
             "`to_s`; see it with `cfid show`."
         )
     check_dense(time[kept])
-    first = int(np.flatnonzero(kept)[0])
+    first, last = (int(np.flatnonzero(kept)[place]) for place in (0, -1))
     rest = _rest(angle_rad[kept])
     angle = angle_rad - rest
     _check_motion(time[kept], angle[kept])
-    halves = half_swings(angle[kept], threshold_rad=_THRESHOLD_RAD)
-    halves = [HalfSwing(h.first + first, h.last + first, h.extreme + first, h.side) for h in halves]
-    halves = _completed(angle, halves, last=int(np.flatnonzero(kept)[-1]))
+    halves = _half_swings(angle, first, last)
+    if halves and np.all(np.abs(angle[halves[-1].extreme : last + 1]) >= _UPPERMOST * abs(angle[halves[-1].extreme])):
+        halves.pop()  # the window cuts it before its peak has passed
     if not halves:
         raise DataError(_no_swing(angle[kept]))
-    taken = first > 0 and _falls_freely(time, angle, halves, first)
-    begin = _by_hand(time, angle, halves, first) if taken else _let_go(time, angle, halves)
-    moved = () if taken else _moved_again(time, angle, halves, begin)
-    peak_time, peak_angle, grows = _peaks(time, angle, begin.peak, begin.later)
+    # The half-swing that reaches farthest among those that enough peaks follow: where the body was moved again shortly
+    # before the end, the earlier swing is used.
+    followed = [i for i in range(len(halves)) if _peaks_from(angle, halves[i:]) >= FEWEST_PEAKS]
+    start = max(followed or range(len(halves)), key=lambda i: abs(angle[halves[i].extreme]))
+    release = _release(time, angle, halves[start])
+    below = np.flatnonzero(np.abs(angle[release:]) < _HAND_GONE * abs(angle[release]))
+    peak_time, peak_angle, findings = _peaks(time, angle, release, halves[start:])
     used = _usable(peak_angle, peaks, max(smallest_peak_rad, SMALLEST_PEAK_RAD))
     end = int(np.searchsorted(time, peak_time[used - 1], side="right")) - 1
-    _check_gaps(time[begin.release : end + 1])
+    _check_gaps(time[release : end + 1])
     return FreeSwing(
         time_s=time,
         angle_rad=angle,
         rest_rad=rest,
-        release=begin.release,
-        hand_gone=begin.hand_gone,
+        release=release,
+        hand_gone=release + int(below[0]) if len(below) else release,
         end=end,
         peak_time_s=peak_time,
         peak_angle_rad=peak_angle,
         peaks_used=used,
         period_s=float((peak_time[used - 1] - peak_time[1]) / (used - 2)),
         resolution_rad=_resolution(angle[kept]),
-        findings=moved + grows,
+        findings=findings,
     )
+
+
+class _HalfSwing(NamedTuple):
+    """Samples first..last (inclusive) on one side of the rest angle; `extreme` is the farthest of them."""
+
+    first: int
+    last: int
+    extreme: int
+    side: int
+
+
+def _half_swings(angle: Array, first: int, last: int) -> list[_HalfSwing]:
+    """Cut samples first..last of an angle from rest (n,) into half-swings.
+
+    A side counts once the angle is beyond the threshold there, so that noise about zero makes no half-swings.
+    """
+    side = np.where(np.abs(angle) > _THRESHOLD_RAD, np.sign(angle), 0)
+    beyond = first + np.flatnonzero(side[first : last + 1])
+    halves = []
+    for half in np.split(beyond, np.flatnonzero(np.diff(side[beyond])) + 1) if len(beyond) else ():
+        begin, end = int(half[0]), int(half[-1])
+        extreme = begin + int(np.argmax(np.abs(angle[begin : end + 1])))
+        halves.append(_HalfSwing(begin, end, extreme, int(side[begin])))
+    return halves
 
 
 def _no_swing(angle: Array) -> str:
@@ -256,7 +270,7 @@ def _rest(angle: Array) -> float:
     successive extremes does not, and is not affected by a steady decay.
     """
     rest = float(np.median(angle[-max(len(angle) // 3, 1) :]))
-    halves = half_swings(angle - rest, threshold_rad=_THRESHOLD_RAD)
+    halves = _half_swings(angle - rest, 0, len(angle) - 1)
     if len(halves) < 4 or halves[-1].first < len(angle) - (halves[-1].first - halves[-3].first):
         return rest
     before, middle, after = (float(angle[half.extreme]) for half in halves[-4:-1])
@@ -303,12 +317,12 @@ def _resolution(angle: Array) -> float:
 
 
 def _peaks(
-    time: Array, angle: Array, begin: tuple[float, float], later: list[HalfSwing]
+    time: Array, angle: Array, release: int, halves: list[_HalfSwing]
 ) -> tuple[Array, Array, tuple[Finding, ...]]:
-    """Return times and angles of the peaks from the first one on, as long as they decrease."""
-    peaks = [begin]
+    """Return times and angles of the peaks from the release in the first half-swing on, as long as they decrease."""
+    peaks = [(float(time[release]), float(angle[release]))]
     findings: tuple[Finding, ...] = ()
-    for half in later:
+    for half in _same_side(halves)[1:]:
         peak = _peak_of(time, angle, half)
         if abs(peak[1]) < SMALLEST_PEAK_RAD:
             break
@@ -338,87 +352,19 @@ def _usable(peak_angle: Array, requested: int | None, smallest: float) -> int:
     return requested
 
 
-class _Begin(NamedTuple):
-    """The start of a swing: samples of the release and of hands off, first peak, later half-swings of its side."""
-
-    release: int
-    hand_gone: int
-    peak: tuple[float, float]
-    later: list[HalfSwing]
-
-
-def _let_go(time: Array, angle: Array, halves: list[HalfSwing]) -> _Begin:
-    """Find the release: the first peak, in the half-swing that reaches farthest among those that enough peaks follow.
-
-    Where the body was moved again shortly before the end, the earlier swing is used.
-    """
-    followed = [i for i in range(len(halves)) if _peaks_from(angle, halves, i) >= FEWEST_PEAKS]
-    start = max(followed or range(len(halves)), key=lambda i: abs(angle[halves[i].extreme]))
-    release = _release(time, angle, halves[start])
-    below = np.flatnonzero(np.abs(angle[release:]) < _HAND_GONE * abs(angle[release]))
-    hand_gone = release + int(below[0]) if len(below) else release
-    peak = float(time[release]), float(angle[release])
-    return _Begin(release, hand_gone, peak, _same_side(halves, start))
-
-
-def _peaks_from(angle: Array, halves: list[HalfSwing], start: int) -> int:
-    """Return the number of decreasing peaks on one side from a half-swing on, including its own."""
-    sizes = [abs(float(angle[half.extreme])) for half in (halves[start], *_same_side(halves, start))]
+def _peaks_from(angle: Array, halves: list[_HalfSwing]) -> int:
+    """Return the number of decreasing peaks on the side of the first half-swing, including its own."""
+    sizes = [abs(float(angle[half.extreme])) for half in _same_side(halves)]
     ends = (i for i, (one, other) in enumerate(pairwise(sizes), 1) if other > _GROWTH * one)
     peaks = sizes[: next(ends, len(sizes))]
     return sum(size >= SMALLEST_PEAK_RAD for size in peaks)
 
 
-def _moved_again(time: Array, angle: Array, halves: list[HalfSwing], begin: _Begin) -> tuple[Finding, ...]:
-    """Warn of a half-swing that reaches farther than the release in use, but comes too late to be fitted."""
-    farthest = max(halves, key=lambda half: abs(angle[half.extreme]))
-    if farthest.first <= begin.release or abs(angle[farthest.extreme]) <= _GROWTH * abs(begin.peak[1]):
-        return ()
-    text = (
-        f"the body was moved again at {time[farthest.first]:.1f} s, too late to be fitted: the swing that was released "
-        f"at {time[begin.release]:.1f} s is taken."
-    )
-    return (warning("swing-moved-again", text, "swing.*"),)
+def _same_side(halves: list[_HalfSwing]) -> list[_HalfSwing]:
+    return [half for half in halves if half.side == halves[0].side]
 
 
-def _completed(angle: Array, halves: list[HalfSwing], *, last: int) -> list[HalfSwing]:
-    """Return the half-swings, without a last one that the window cuts before its peak has passed."""
-    if not halves:
-        return []
-    final = halves[-1]
-    passed = np.abs(angle[final.extreme : last + 1]) < _UPPERMOST * abs(angle[final.extreme])
-    return halves if passed.any() else halves[:-1]
-
-
-def _falls_freely(time: Array, angle: Array, halves: list[HalfSwing], first: int) -> bool:
-    """Return whether the body swings freely at the window's first sample, instead of being at rest or in a hand.
-
-    It swings freely where it follows a cosine about the first standstill.
-    """
-    still = _release(time, angle, halves[0])
-    if still <= first or len(halves) < 2:
-        return True
-    half_period_s = float(np.median(np.diff(time[[half.extreme for half in halves]])))
-    phase = math.pi * float(time[still] - time[first]) / half_period_s
-    return bool(abs(angle[first] - angle[still] * math.cos(min(phase, math.pi))) < _OFF_A_COSINE * abs(angle[still]))
-
-
-def _by_hand(time: Array, angle: Array, halves: list[HalfSwing], first: int) -> _Begin:
-    """Start at the requested sample; the first peak is the first that the window does not cut."""
-    start = next((i for i, half in enumerate(halves) if _rises_to(angle, half, first)), 0)
-    return _Begin(first, first, _peak_of(time, angle, halves[start]), _same_side(halves, start))
-
-
-def _rises_to(angle: Array, half: HalfSwing, first: int) -> bool:
-    """Return whether the window contains the rise to a half-swing's peak."""
-    return bool(np.any(np.abs(angle[first : half.extreme]) < _UPPERMOST * abs(angle[half.extreme])))
-
-
-def _same_side(halves: list[HalfSwing], start: int) -> list[HalfSwing]:
-    return [half for half in halves[start + 1 :] if half.side == halves[start].side]
-
-
-def _release(time: Array, angle: Array, half: HalfSwing) -> int:
+def _release(time: Array, angle: Array, half: _HalfSwing) -> int:
     """Return the last sample at which the body stood still before its first fall.
 
     A hand may lift, hold and tremble: all of that lies before the last moment without speed.
@@ -433,14 +379,19 @@ def _release(time: Array, angle: Array, half: HalfSwing) -> int:
     return int(np.searchsorted(time, at))
 
 
-def _peak_of(time: Array, angle: Array, half: HalfSwing) -> tuple[float, float]:
+def _peak_of(time: Array, angle: Array, half: _HalfSwing) -> tuple[float, float]:
     """Return time and angle of a half-swing's peak, from a parabola through its uppermost part."""
     inside = slice(half.first, half.last + 1)
     high = np.abs(angle[inside]) > _UPPERMOST * abs(angle[half.extreme])
     at = np.flatnonzero(high) + half.first
     if len(at) < 5:
         return float(time[half.extreme]), float(angle[half.extreme])
-    return vertex(time[at], angle[at])
+    middle, span = float(time[at].mean()), float(np.ptp(time[at])) or 1.0
+    place = (time[at] - middle) / span
+    # The solution of least norm: where time stamps repeat so often that no parabola is determined, it is flat.
+    curve, slope, level = np.linalg.lstsq(np.vander(place, 3), angle[at], rcond=1e-9)[0]
+    top = float(np.clip(-slope / (2 * curve), place[0], place[-1])) if curve else 0.0
+    return middle + span * top, float(level + slope * top + curve * top**2)
 
 
 def _unsummed(record: AngleRecord) -> str:
@@ -453,43 +404,3 @@ def _unsummed(record: AngleRecord) -> str:
         f" The gyro has no rows for {steps.max():.2g} s, after {at_s:.3g} s: the angle that its rates sum up to is not "
         "known across that. Record again with fewer losses."
     )
-
-
-def _check_frozen(swing: FreeSwing) -> None:
-    """Raise DataError where readings stand still for a part of the swing that the motion does not lead through.
-
-    At a turning point, a coarse encoder repeats its readings too.
-    """
-    angle = swing.angle_rad[swing.hand_gone :]
-    edges = swing.hand_gone + np.flatnonzero(np.diff(angle)) + 1
-    lasts_s = np.diff(swing.time_s[edges])
-    in_window = edges[:-1] <= swing.end
-    if not in_window.any():
-        return
-    least_s = max(_LONGER * float(np.median(lasts_s[in_window])), _SHORTEST * swing.period_s)
-    for i in np.flatnonzero((np.diff(edges) >= _FEWEST) & (lasts_s >= least_s) & in_window):
-        first, last = int(edges[i]), int(edges[i + 1]) - 1
-        if _leads_elsewhere(swing, first, last):
-            raise DataError(
-                f"the angle stands still for {swing.time_s[last] - swing.time_s[first]:.2g} s, after "
-                f"{swing.time_s[first]:.3g} s, while the body swings: the encoder froze, or something held the body. "
-                "Check the encoder's cable and swing again, or fit one part, bounded by `from_s` and `to_s`."
-            )
-
-
-def _leads_elsewhere(swing: FreeSwing, first: int, last: int) -> bool:
-    """Return whether a cubic through the readings on both sides of a segment is far from those in it."""
-    time, angle = swing.time_s, swing.angle_rad
-    around_s = min(time[last] - time[first], _AROUND * swing.period_s)
-    begin = min(int(np.searchsorted(time, time[first] - around_s)), first - _FEWEST)
-    end = max(int(np.searchsorted(time, time[last + 1] + around_s)), last + 1 + _FEWEST)
-    near = np.r_[max(begin, 0) : first + 1, last + 1 : min(end, len(time))]
-    if len(near) <= 2 * _FEWEST:
-        return False
-    place = (time - (time[first] + time[last + 1]) / 2) / swing.period_s
-    around, inside = np.vander(place[near], 4), np.vander(place[first : last + 1], 4)
-    cubic = np.linalg.lstsq(around, angle[near], rcond=1e-9)[0]  # the solution of least norm, for repeated time stamps
-    remainder = angle[near] - around @ cubic
-    scatter = float(np.sqrt(remainder @ remainder / (len(near) - 4)))
-    off = float(np.max(np.abs(inside @ cubic - angle[first])))
-    return off > _STEPS * swing.resolution_rad + _SCATTERS * scatter

@@ -62,7 +62,7 @@ def frozen(time_s: Array, angle_rad: Array) -> Array:
         (("--axis", "x"), striking, 14, "", False, "differs from a pendulum"),
         (("--axis", "x"), frozen, 14, "", False, "does not change in the last"),
         (("--weight", 20), held, 8, "", False, ""),
-        (("--axis", "x"), clipped, 14, "", False, "while the body swings"),  # an encoder that ends at an angle
+        (("--axis", "x"), clipped, 14, "", False, "differs from a pendulum"),  # an encoder that ends at an angle
     ],
 )
 def test_a_spoilt_angle_is_named(

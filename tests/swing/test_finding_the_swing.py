@@ -62,12 +62,14 @@ def test_more_peaks_than_there_are_are_refused() -> None:
         find_swing(*recorded(HandRelease(angle_rad=0.5)), peaks=99)
 
 
-def test_a_record_that_begins_in_free_swing_is_taken_from_its_first_sample() -> None:
+def test_a_window_within_a_free_swing_is_a_record_that_begins_and_ends_there() -> None:
     time_s, angle = recorded(HandRelease(angle_rad=0.8))
-    begin = int(np.searchsorted(time_s, 2.05))
-    found = find_swing(time_s[begin:], angle[begin:])
+    within = slice(*np.searchsorted(time_s, (3.0, 6.0)))
+    cut, found = find_swing(time_s[within], angle[within]), find_swing(time_s, angle, from_s=3.0, to_s=6.0)
 
-    assert found.release_s < 0.3
+    assert 3.0 <= found.time_s[found.hand_gone] < 3.3
+    assert 5.4 < found.time_s[found.end] <= 6.0
+    assert found.period_s == pytest.approx(cut.period_s, rel=1e-6)
 
 
 def test_a_swing_pushed_again_ends_before_the_push() -> None:
@@ -89,14 +91,7 @@ def test_a_body_that_is_lifted_again_at_the_end_leaves_the_swing_before() -> Non
     assert found.release_s == pytest.approx(whole.release_s, abs=0.01)
     assert found.peaks_used > FEWEST_PEAKS
     assert found.period_s == pytest.approx(whole.period_s, rel=0.01)
-    assert found.findings[0].code == "swing-moved-again"
-
-
-def test_a_window_by_hand_is_kept() -> None:
-    found = find_swing(*recorded(HandRelease(angle_rad=0.8)), from_s=3.0, to_s=6.0)
-
-    assert found.time_s[found.release] == pytest.approx(3.0)
-    assert 5.4 < found.time_s[found.end] <= 6.0
+    assert [finding.code for finding in found.findings] == ["swing-peak-grows"]
 
 
 def test_an_angle_that_never_changes_is_refused() -> None:

@@ -1,7 +1,6 @@
 """The page of a swing shows what the fit states."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,8 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from cfid.swing.estimation import SwingFit
-from cfid.swing.figures import fitted_motion, swing_figure, thesis_swing_figure
-from cfid.swing.pendulum import Coefficients, sample
+from cfid.swing.figures import swing_figure, thesis_swing_figure
 from cfid.swing.thesis import fit_damped_cosine, fit_flexible
 from cfid.swing.window import FreeSwing
 
@@ -64,15 +62,3 @@ def test_a_rejected_swing_is_marked_in_red(shaken_page: Any, shaken: tuple[FreeS
 
 def test_no_text_lies_over_another(page: Any, shaken_page: Any, thesis_page: Any) -> None:
     assert [each.overlapping() for each in (page, shaken_page, thesis_page)] == [[], [], []]
-
-
-def test_the_motion_integrated_anew_is_the_fits(swing: FreeSwing, fit: SwingFit) -> None:
-    time, _ = swing.hands_off
-    assert fitted_motion(fit, time) == pytest.approx(sample(fit.output_error.trajectory, time), abs=1e-4)
-
-
-def test_dry_friction_holds_the_motion_where_it_overcomes_gravity(fit: SwingFit) -> None:
-    held = replace(fit, output_error=replace(fit.output_error, coefficients=Coefficients(150.0, 0.5, 4.0)))
-    motion = fitted_motion(held, np.linspace(fit.output_error.trajectory.start_s, 30.0, 999))
-    assert np.ptp(motion[-300:]) == 0.0
-    assert abs(motion[-1]) <= np.arcsin(4.0 / 150.0)
