@@ -256,16 +256,14 @@ def _speed_per_turn(time: Array, angle: Array, speed: Array, tau: float) -> floa
 
 
 def read_once(time_s: Array, angle_rad: Array) -> tuple[Array, Array, tuple[Finding, ...]]:
-    """Return the times (m,) and angles (m,) of a record's rows (n,) with a new reading, and notes on what rows are.
+    """Return the times (m,) and angles (m,) of a record's rows (n,) with a new reading, and a note where others are.
 
     Rows that repeat a reading show an axis that stands still and then jumps. Angles are compared within a turn, where
-    they show the sensor's steps; those over many turns of an even speed grow by steps that are not the sensor's.
+    they show the sensor's steps; those over many turns of an even speed grow by steps that are not the sensor's. Where
+    rows are an encoder's edges, a rest has none.
     """
-    if _count_of_edges(angle_rad):
-        text = "rows are changes of the encoder's count by one: where none was written, the axis stood still."
-        return time_s, angle_rad, (note("friction-rows-are-edges", text, "friction.*"),)
     counts, readings = once_each(time_s, angle_rad % (2 * math.pi))
-    if not readings.age_s:
+    if _count_of_edges(angle_rad) or not readings.age_s:
         return time_s, angle_rad, ()
     rate_hz, share = 1 / readings.row_s, readings.read / readings.rows
     text = (

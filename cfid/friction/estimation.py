@@ -17,6 +17,7 @@ Array = npt.NDArray[np.float64]
 
 VISCOUS, COULOMB = "friction.viscous_nms_per_rad", "friction.coulomb_nm"
 SETUP_INERTIA = "friction.setup_inertia_kg_m2"
+KEYS = VISCOUS, COULOMB, SETUP_INERTIA
 
 _HEAVIER = 1.1  # friction may change the order of drops with more similar weights
 _FEWEST = 2  # drops, from which Coulomb and viscous friction follow with none to spare
@@ -107,24 +108,18 @@ _NEVER_SETTLED = rejection(
     "friction-never-settled",
     "the speed settled in no run (as in the thesis' of 10 g, figure 2.9): use heavier weights or a longer fall, or set "
     "another window by hand.",
-    VISCOUS,
-    COULOMB,
-    SETUP_INERTIA,
+    *KEYS,
 )
 _NO_SCATTER = warning(
     "friction-scatter-unknown",
     "two drops show no scatter, so that standard uncertainties are not known. Drop each weight twice, or a third one.",
-    VISCOUS,
-    COULOMB,
-    SETUP_INERTIA,
+    *KEYS,
 )
 _ONE_WEIGHT = rejection(
     "friction-one-weight",
     "one weight alone does not separate Coulomb from viscous friction, and so does not give the inertia of the set-up "
     "either: drop another weight too. The thesis method gives one coefficient for both.",
-    VISCOUS,
-    COULOMB,
-    SETUP_INERTIA,
+    *KEYS,
 )
 
 
@@ -183,7 +178,7 @@ def _order_finding(drops: Sequence[Drop]) -> tuple[Finding, ...]:
         f"{1000 * light.weight_kg:g} g at {light.terminal_rad_per_s:.0f}. Check whether the weights of two runs were "
         "exchanged."
     )
-    return (rejection("friction-weights-out-of-order", text, VISCOUS, COULOMB, SETUP_INERTIA),)
+    return (rejection("friction-weights-out-of-order", text, *KEYS),)
 
 
 def _layers_finding(drops: Sequence[Drop], viscous: float, radius_m: float, gravity_mps2: float) -> tuple[Finding, ...]:
@@ -207,7 +202,7 @@ def _layers_finding(drops: Sequence[Drop], viscous: float, radius_m: float, grav
         f"a radius that changes by {100 * mean:+.2g} % a turn, {100 * change:+.1f} % over a fall (limit "
         f"{100 * _LAYERED:g} %), explains the speeds better: the line was wound in layers. Wind it side by side."
     )
-    return (rejection("friction-radius-changes", text, VISCOUS, COULOMB, SETUP_INERTIA),)
+    return (rejection("friction-radius-changes", text, *KEYS),)
 
 
 def _setup_inertia(drops: Sequence[Drop], viscous: _Value, radius_m: float, common: float) -> _Value:
@@ -230,7 +225,7 @@ def _negative_inertia(inertia: _Value | None) -> tuple[Finding, ...]:
         f"what turns would have an inertia of {inertia.value:.2g} +- {inertia.std:.1g} kg m^2: the weights fall faster "
         "than on this radius they can. Check the radius and the weights."
     )
-    return (rejection("friction-inertia-negative", text, VISCOUS, COULOMB, SETUP_INERTIA),)
+    return (rejection("friction-inertia-negative", text, *KEYS),)
 
 
 def _mean_std(values: Array) -> float | None:

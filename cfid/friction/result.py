@@ -6,7 +6,15 @@ from typing import Any, Literal
 from cfid.errors import ConfigError, DataError, check_positive
 from cfid.findings import Finding, warning
 from cfid.friction.drops import Drop, measure_drop, read_once
-from cfid.friction.estimation import COULOMB, SETUP_INERTIA, VISCOUS, FrictionEstimate, fit_friction, thesis_friction
+from cfid.friction.estimation import (
+    COULOMB,
+    KEYS,
+    SETUP_INERTIA,
+    VISCOUS,
+    FrictionEstimate,
+    fit_friction,
+    thesis_friction,
+)
 from cfid.quantities.registry import Range
 from cfid.recordings.angle import AngleRecord, AngleSource, angle_record
 from cfid.recordings.gyro import SCALE_STD
@@ -56,10 +64,10 @@ def fit(
     if radius_m is None:
         radius_m, radius_std_m, notes = _lever_m(rig, thesis=method == "thesis")
     else:
-        exact = () if radius_std_m is not None else (taken_as_exact("radius", VISCOUS, COULOMB, SETUP_INERTIA),)
+        exact = () if radius_std_m is not None else (taken_as_exact("radius", *KEYS),)
         notes = (*exact, *_line_not_added(rig))
     if method == "default" and any(record.label.weight_std_g is None for record in records):
-        notes += (taken_as_exact("weight", VISCOUS, COULOMB, SETUP_INERTIA),)
+        notes += (taken_as_exact("weight", *KEYS),)
     setup = {"radius_m": radius_m, "gravity_mps2": gravity_mps2, "from_s": from_s, "to_s": to_s}
     followed, measured, of_drops = _followed(records, setup)
     if method == "thesis":
@@ -130,7 +138,7 @@ def _lever_m(rig: Rig | None, *, thesis: bool) -> tuple[float, float, tuple[Find
             f"friction {100 * 0.1 / axis.radius_mm:.0f} % larger. Add line_mm and line_std_mm to [friction]; 0 where "
             "radius_mm is that of the line's middle."
         )
-        found = (warning("friction-line-unknown", text, VISCOUS, COULOMB, SETUP_INERTIA),)
+        found = (warning("friction-line-unknown", text, *KEYS),)
     return MM * axis.lever_mm, MM * axis.lever_std_mm, found
 
 
@@ -142,7 +150,7 @@ def _line_not_added(rig: Rig | None) -> tuple[Finding, ...]:
         f"the given radius is taken as that of the line's middle: half of rig.toml's line_mm, "
         f"{rig.friction.line_mm / 2:g} mm, is not added."
     )
-    return (warning("friction-line-not-added", text, VISCOUS, COULOMB, SETUP_INERTIA),)
+    return (warning("friction-line-not-added", text, *KEYS),)
 
 
 def _given_numbers(radius_m: float, drops: Sequence[Drop]) -> list[Given]:

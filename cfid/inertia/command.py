@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING
 
 from cfid.console.flat import flat
@@ -46,20 +45,10 @@ def inertia(
 
     Example: [bold]cfid fit inertia x=x.csv y=y.csv z=z.csv xy=xy.csv xz=xz.csv yz=yz.csv[/bold]
     """
-    from cfid.inertia import result
+    from cfid.inertia import fit
 
-    gravity = measured(gravity_mps2, "--gravity-mps2")
-    workplace = open_workplace(rig, gravity=gravity)
-    mass = measured(mass_kg, "--mass-kg")
-    fit = partial(
-        result.fit,
-        mass_kg=mass.value,
-        mass_std_kg=mass.std,
-        gravity_mps2=gravity.value,
-        gravity_std_mps2=gravity.std,
-        method=method,
-    )
-    _fit_swings(fit, runs, body="crazyflie", window=window, workplace=workplace, delivery=delivery)
+    given = {"mass_kg": mass_kg, "gravity_mps2": gravity_mps2}
+    _fit_swings(fit, runs, body="crazyflie", window=window, rig=rig, delivery=delivery, method=method, **given)
 
 
 @flat
@@ -79,20 +68,10 @@ def testbody(
 
     Example: [bold]cfid fit testbody x=tb_x.csv z=tb_z.csv[/bold]
     """
-    from cfid.inertia.testbody_result import fit_testbody
+    from cfid.inertia import fit_testbody
 
-    gravity = measured(gravity_mps2, "--gravity-mps2")
-    workplace = open_workplace(rig, gravity=gravity)
-    mass = measured(mass_kg, "--mass-kg")
-    fit = partial(
-        fit_testbody,
-        mass_kg=mass.value,
-        mass_std_kg=mass.std,
-        gravity_mps2=gravity.value,
-        gravity_std_mps2=gravity.std,
-        method=method,
-    )
-    _fit_swings(fit, runs, body="testbody", window=window, workplace=workplace, delivery=delivery)
+    given = {"mass_kg": mass_kg, "gravity_mps2": gravity_mps2}
+    _fit_swings(fit_testbody, runs, body="testbody", window=window, rig=rig, delivery=delivery, method=method, **given)
 
 
 def _fit_swings(
@@ -101,18 +80,28 @@ def _fit_swings(
     *,
     body: str,
     window: WindowOptions,
-    workplace: Workplace,
+    rig: RigOptions,
     delivery: Delivery,
+    mass_kg: str | None,
+    gravity_mps2: str | None,
+    method: str,
 ) -> None:
     from cfid.swing.body import FIXTURE
     from cfid.swing.command import parse_peaks
 
+    gravity, mass = measured(gravity_mps2, "--gravity-mps2"), measured(mass_kg, "--mass-kg")
+    workplace = open_workplace(rig, gravity=gravity)
     wanted = "swings of the test body" if body == "testbody" else "swings of the vehicle"
     suits = labelled("swing", body, FIXTURE)
     words = chosen(runs, workplace.campaign, suits=suits, wanted=wanted)
     result = fit(
         [_read_swing(word, workplace, suits) for word in words],
         rig=None if workplace.borrowed else workplace.rig,
+        mass_kg=mass.value,
+        mass_std_kg=mass.std,
+        gravity_mps2=gravity.value,
+        gravity_std_mps2=gravity.std,
+        method=method,
         peaks=parse_peaks(window.peaks),
         smallest_peak_rad=math.radians(window.min_angle_deg or 1.0),
     )

@@ -11,8 +11,21 @@ from cfid.recordings.periods import axis_record
 from cfid.records.parameters import Source
 from cfid.records.plausibility import taken_as_exact
 from cfid.records.result import Dependent
-from cfid.records.rig_file import EncoderScale, Mount
-from cfid.swing.body import FIXTURE, KnownInertia, MountedSwing, threads_of
+from cfid.records.rig_file import Rig
+from cfid.swing.body import (
+    FIXTURE,
+    AxisInertias,
+    KnownInertia,
+    Measured,
+    MountedSwing,
+    Surroundings,
+    axis_inertias,
+    body_on,
+    contradicted_axes,
+    required_rig,
+    surroundings,
+    threads_of,
+)
 from cfid.swing.result import FREQUENCY, Method, estimate
 from cfid.swing.window import check_peaks, peaks_on
 
@@ -22,14 +35,20 @@ Peaks = int | Mapping[str, int] | None
 
 @dataclass(frozen=True, kw_only=True)
 class MeasuredSwings:
-    """All swings of a body, the empty fixture's kept apart, and figures of merit, lines and findings by mount."""
+    """All swings of a body and their axis inertias, and figures of merit, lines and findings by mount."""
 
-    mounted: tuple[MountedSwing, ...]
-    fixture: MountedSwing | None
+    rig: Rig
+    around: Surroundings
+    axes: AxisInertias
     merits: tuple[dict[str, Any], ...]
     lines: tuple[str | Dependent, ...]
     found: tuple[tuple[str, Finding], ...]
     records: tuple[AxisRecord, ...]
+
+    @property
+    def mounts(self) -> list[str]:
+        """The mount of each swing."""
+        return [swing.axis for swing in self.axes.swings]
 
     @property
     def sources(self) -> tuple[Source, ...]:
@@ -52,34 +71,37 @@ class MeasuredSwings:
         )
 
 
-def records_of(swings: Sequence[Swing]) -> list[AxisRecord | KnownInertia]:
-    """Read the swings that are not read yet. Raises ConfigError when none is given."""
-    if not swings:
-        raise ConfigError("no swing is given: name at least one run or file.")
-    return [swing if isinstance(swing, KnownInertia) else axis_record(swing) for swing in swings]
-
-
 def measure(
-    swings: Sequence[AxisRecord | KnownInertia],
+    given: Sequence[Swing],
     *,
     body: str,
-    mounts: Mapping[str, Mount],
-    gravity_mps2: float,
     gives: str,
-    encoder: EncoderScale,
+    rig: Rig | None,
+    mass: Measured,
+    gravity: Measured,
     peaks: Peaks,
     smallest_peak_rad: float,
     method: Method,
 ) -> MeasuredSwings:
-    """Fit every recording of a body, on the one of its `mounts` that its label names; known axis inertias are kept.
+    """Fit every recording of a body, on the mount that its label names; known axis inertias are kept.
 
-    `gives` is the key, without the mount, of the quantity that a swing gives.
-    Raises DataError and FitError naming the file, ConfigError for a second fixture or another body's swing.
+    `gives` is the key, without the mount, of the quantity that a swing gives. A given mass and gravity, each with its
+    standard uncertainty, replace those of the rig, which is that of the recordings' campaign where none is given.
+
+    Raises DataError and FitError naming the file, ConfigError for no swing, no rig, an unknown mount, a second fixture
+    or another body's swing.
     """
+    if not given:
+        raise ConfigError("no swing is given: name at least one run or file.")
+    swings = [swing if isinstance(swing, KnownInertia) else axis_record(swing) for swing in given]
+    records = [swing for swing in swings if isinstance(swing, AxisRecord)]
+    rig = required_rig(records, rig)
     names = [swing.mount if isinstance(swing, KnownInertia) else _mount_of(swing, body) for swing in swings]
     if names.count(FIXTURE) > 1:
         raise ConfigError("more than one swing of the empty fixture: give one.")
     check_peaks(peaks, names)
+    hung = body_on(rig, [name for name in names if name != FIXTURE], body=body, mass=mass)
+    gravity_mps2 = surroundings(rig, *gravity).gravity_mps2
     mounted, merits, lines, found = [], list[dict[str, Any]](), list[str | Dependent](), []
     for mount, swing in zip(names, swings, strict=True):
         if isinstance(swing, KnownInertia):
@@ -88,9 +110,9 @@ def measure(
             lines.append(f"{mount}: {swing.value_kg_m2:.7g} kg m^2, as given")
             found += [] if swing.std_kg_m2 else [(mount, taken_as_exact("axis inertia"))]
             continue
-        threads = threads_of(mounts.get(mount), gravity_mps2)
+        threads = threads_of(hung.mounts.get(mount), gravity_mps2)
         window = {"peaks": peaks_on(mount, peaks), "smallest_peak_rad": smallest_peak_rad}
-        fitted = estimate(swing, threads, encoder, method=method, **window)
+        fitted = estimate(swing, threads, rig.encoder, method=method, **window)
         value, std = fitted.frequency
         mounted.append(replace(fitted.mounted(mount), name=swing.name))
         key = f"{gives}.{mount}"
@@ -100,13 +122,15 @@ def measure(
             Dependent(f"{mount}: W {value:.7g} 1/s^2, {fitted.line}", key, instead=f"{mount}: rejected, {fitted.line}")
         )
         found += [(mount, finding) for finding in fitted.findings if finding.concerns(FREQUENCY)]
+    around = surroundings(rig, *gravity, next((swing for swing in mounted if swing.axis == FIXTURE), None))
     return MeasuredSwings(
-        mounted=tuple(swing for swing in mounted if swing.axis != FIXTURE),
-        fixture=next((swing for swing in mounted if swing.axis == FIXTURE), None),
+        rig=rig,
+        around=around,
+        axes=axis_inertias([swing for swing in mounted if swing.axis != FIXTURE], hung, around),
         merits=tuple(merits),
         lines=tuple(lines),
-        found=tuple(found),
-        records=tuple(swing for swing in swings if isinstance(swing, AxisRecord)),
+        found=(*found, *contradicted_axes(hung, records)),
+        records=tuple(records),
     )
 
 

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from uncertainties import std_dev
+from uncertainties import nominal_value, std_dev
 
 from cfid.drawing.numbers import MICRO, plus_minus
 from cfid.drawing.rig import mounts_figure
@@ -98,15 +98,14 @@ def rig_figures(body: SwungBody, axes: Sequence[str], frame: BodyFrame) -> Figur
 
 
 def _draw_pairs(panel: Axes, comparisons: Sequence[BodyComparison]) -> None:
-    calculated = [(c.calculated_kg_m2, c.calculated_std_kg_m2) for c in comparisons]
-    measured = [(c.measured_kg_m2, c.measured_std_kg_m2) for c in comparisons]
+    calculated, measured = [c.calculated_kg_m2 for c in comparisons], [c.measured_kg_m2 for c in comparisons]
     name_panel(panel, "(a) inertia about the centre of mass", x="mount", y="inertia (10⁻⁶ kg m²)")
-    for aside, pairs, colour, hatch, name in (
+    for aside, inertias, colour, hatch, name in (
         (-0.24, calculated, MUTED, "//", "from the drawing"),
         (0.24, measured, RECORDED, "", "from swings"),
     ):
         place = np.arange(len(comparisons)) + aside
-        value, spread = MICRO * np.array(pairs).T
+        value, spread = (MICRO * np.array([of(one) for one in inertias]) for of in (nominal_value, std_dev))
         panel.bar(place, value, 0.46, color=colour, hatch=hatch, ec="white", lw=0.6, label=name)
         panel.errorbar(place, value, yerr=spread, fmt="none", ecolor=INK, elinewidth=1.2, capsize=3)
         if len(comparisons) <= _WRITTEN // 2:
@@ -120,8 +119,7 @@ def _draw_differences(panel: Axes, comparisons: Sequence[BodyComparison]) -> Non
     name_panel(panel, "(b) from swings less from the drawing, one standard uncertainty", x="mount", y="difference (%)")
     panel.axhline(0.0, color=MUTED, lw=0.8)
     for x, comparison in enumerate(comparisons):
-        value = 100 * (comparison.measured_kg_m2 / comparison.calculated_kg_m2 - 1)
-        spread = 100 * comparison.error_std
+        value, spread = (100 * of(comparison.error) for of in (nominal_value, std_dev))
         panel.errorbar(x, value, yerr=spread, fmt="o", ms=5, color=RECORDED, ecolor=INK, elinewidth=1.2, capsize=4)
         if len(comparisons) <= _WRITTEN // 2:
             text = f"{value:+.2f} %, {comparison.deviations:.1f} std"

@@ -1,7 +1,6 @@
 """The inertia matrix and the axis inertias: swings of one body about several mounts, quantities, findings, budget."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,10 +10,9 @@ from uncertainties import nominal_value, std_dev
 from cfid.errors import FitError
 from cfid.estimate.linear import weighted_mean
 from cfid.findings import Finding, rejection, warning
-from cfid.inertia.data import Peaks, Swing, measure, records_of
+from cfid.inertia.data import Peaks, Swing, measure
 from cfid.inertia.matrix import MATRIX, InertiaFit, distances_apart, fit_inertia
 from cfid.quantities.values import PRODUCTS
-from cfid.recordings.angle import AxisRecord
 from cfid.records.covariances import covariance_between
 from cfid.records.parameters import Parameter
 from cfid.records.plausibility import (
@@ -25,20 +23,7 @@ from cfid.records.plausibility import (
 )
 from cfid.records.result import Dependent, Figures, Result
 from cfid.records.rig_file import Rig
-from cfid.swing.body import (
-    FIXTURE,
-    AxisInertias,
-    axis_inertias,
-    check_mounts,
-    contradicted_axes,
-    given_numbers,
-    moment_fault,
-    numbers,
-    required_rig,
-    rests_on,
-    surroundings,
-    vehicle,
-)
+from cfid.swing.body import FIXTURE, AxisInertias, given_numbers, moment_fault, numbers, rests_on
 from cfid.swing.result import Method
 from cfid.swing.window import SMALLEST_PEAK_RAD
 
@@ -67,24 +52,18 @@ def fit(
     Raises ConfigError for arguments that contradict each other, and where there is no rig; DataError for a recording
     without a swing, FitError for a swing that follows no pendulum.
     """
-    given = records_of(swings)
-    rig = required_rig([swing for swing in given if isinstance(swing, AxisRecord)], rig)
-    body = vehicle(rig, mass_kg, mass_std_kg)
     measured = measure(
-        given,
+        swings,
         body="crazyflie",
-        mounts=body.mounts,
-        gravity_mps2=surroundings(rig, gravity_mps2).gravity_mps2,
         gives=_AXIS,
-        encoder=rig.encoder,
+        rig=rig,
+        mass=(mass_kg, mass_std_kg),
+        gravity=(gravity_mps2, gravity_std_mps2),
         peaks=peaks,
         smallest_peak_rad=smallest_peak_rad,
         method=method,
     )
-    measured = replace(measured, found=(*measured.found, *contradicted_axes(body, measured.records)))
-    check_mounts((swing.axis for swing in measured.mounted), body.mounts, table="mounts")
-    around = surroundings(rig, gravity_mps2, gravity_std_mps2, measured.fixture)
-    axes = axis_inertias(measured.mounted, body, around)
+    rig, axes, names = measured.rig, measured.axes, measured.mounts
     findings = [*measured.findings(_resting_on), *_two_directions(axes)]
     matrix: InertiaFit | None = None
     try:
@@ -93,21 +72,20 @@ def fit(
         findings += [rejection("inertia-axes-dependent", str(error), MATRIX), *distances_apart(axes)]
     else:
         findings += matrix.findings
-    names = [swing.axis for swing in measured.mounted]
     quantities = {} if matrix is None else {MATRIX: _matrix_parameter(matrix)}
     for key, values in ((_AXIS, axes.about_axis_kg_m2), ("inertia.centre_kg_m2", axes.about_centre_kg_m2)):
         for name in dict.fromkeys(names):
             quantities[f"{key}.{name}"] = _combined([v for v, axis in zip(values, names, strict=True) if axis == name])
     distances_m = numbers(axes.distance_m)
     findings += implausible_inputs(
-        given_numbers(body, filter(None, map(float, distances_m)), platform_of(rig)), rig, "inertia.*"
+        given_numbers(axes.body, filter(None, map(float, distances_m)), platform_of(rig)), rig, "inertia.*"
     )
     for name, about_axis, centre in zip(names, axes.about_axis_kg_m2, axes.about_centre_kg_m2, strict=True):
         moments = nominal_value(about_axis), nominal_value(centre), std_dev(centre)
         findings += moment_fault(name, *moments, *_resting_on(name))
     findings += [
         *implausible_quantities(quantities, rig),
-        *implausible_gravity(around.gravity_mps2, "inertia.*"),
+        *implausible_gravity(measured.around.gravity_mps2, "inertia.*"),
     ]
 
     def drawings() -> Figures:
@@ -115,7 +93,7 @@ def fit(
 
         if matrix is None:
             return {}
-        return {"inertia": budget_figure(matrix, axes=names), **rig_figures(body, names, rig.vehicle.body_frame)}
+        return {"inertia": budget_figure(matrix, axes=names), **rig_figures(axes.body, names, rig.vehicle.body_frame)}
 
     return Result(
         command="fit inertia",

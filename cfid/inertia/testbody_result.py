@@ -3,31 +3,18 @@
 import math
 from collections.abc import Iterator, Sequence
 
-import numpy as np
-import numpy.typing as npt
+from uncertainties import nominal_value
 
 from cfid.findings import Finding, rejection, warning
 from cfid.inertia.comparison import BodyComparison, compare
-from cfid.inertia.data import Peaks, Swing, measure, records_of
-from cfid.recordings.angle import AxisRecord
+from cfid.inertia.data import Peaks, Swing, measure
 from cfid.records.parameters import Parameter
 from cfid.records.plausibility import implausible_gravity
 from cfid.records.result import Dependent, Figures, Result
 from cfid.records.rig_file import Rig
-from cfid.swing.body import (
-    FIXTURE,
-    axis_inertias,
-    check_mounts,
-    drawn_body,
-    required_rig,
-    rests_on,
-    surroundings,
-    swung_test_body,
-)
-from cfid.swing.result import Method
+from cfid.swing.body import FIXTURE, drawn_body, rests_on
+from cfid.swing.result import Method, parameter
 from cfid.swing.window import SMALLEST_PEAK_RAD
-
-Array = npt.NDArray[np.float64]
 
 UNLIKELY_STD = 4.0
 ANOTHER_STD = 20.0  # no calliper is that wrong
@@ -51,36 +38,30 @@ def fit_testbody(
 
     Arguments and errors are those of `cfid.inertia.fit`; mounts and drawing are the rig's `testbody`.
     """
-    given = records_of(swings)
-    rig = required_rig([swing for swing in given if isinstance(swing, AxisRecord)], rig)
-    body = drawn_body(rig, mass_kg, mass_std_kg)
     measured = measure(
-        given,
+        swings,
         body="testbody",
-        mounts=body.mounts,
-        gravity_mps2=surroundings(rig, gravity_mps2).gravity_mps2,
         gives=_MEASURED,
-        encoder=rig.encoder,
+        rig=rig,
+        mass=(mass_kg, mass_std_kg),
+        gravity=(gravity_mps2, gravity_std_mps2),
         peaks=peaks,
         smallest_peak_rad=smallest_peak_rad,
         method=method,
     )
-    check_mounts((swing.axis for swing in measured.mounted), body.mounts, table="testbody.mounts")
-    around = surroundings(rig, gravity_mps2, gravity_std_mps2, measured.fixture)
-    comparisons = compare(body, axis_inertias(measured.mounted, swung_test_body(body), around))
+    comparisons = compare(drawn_body(measured.rig, mass_kg, mass_std_kg), measured.axes)
     findings = (
         *measured.findings(_resting_on),
         *_differences(comparisons),
-        *implausible_gravity(around.gravity_mps2, "testbody.measured_kg_m2.*", "testbody.error.*"),
+        *implausible_gravity(measured.around.gravity_mps2, "testbody.measured_kg_m2.*", "testbody.error.*"),
     )
-    quantities = _quantities(comparisons)
-    differences = (
-        Dependent(
-            f"{c.axis}: measured {100 * abs(c.error):.4f} % {'above' if c.error > 0 else 'below'} the drawing",
-            f"testbody.error.{c.axis}",
-        )
-        for c in comparisons
-    )
+    quantities, differences = dict[str, Parameter](), list[Dependent]()
+    for c in comparisons:
+        for name in ("calculated_kg_m2", "measured_kg_m2", "error"):
+            quantities[f"testbody.{name}.{c.axis}"] = parameter(getattr(c, name))
+        error = nominal_value(c.error)
+        away = f"{100 * abs(error):.4f} % {'above' if error > 0 else 'below'}"
+        differences.append(Dependent(f"{c.axis}: measured {away} the drawing", f"testbody.error.{c.axis}"))
 
     def drawings() -> Figures:
         from cfid.inertia.figures import testbody_figure
@@ -99,18 +80,6 @@ def fit_testbody(
         lines=(*measured.lines, *differences),
         drawings=drawings,
     )
-
-
-def _quantities(comparisons: Sequence[BodyComparison]) -> dict[str, Parameter]:
-    found = {}
-    for c in comparisons:
-        for name, value, std in (
-            ("calculated_kg_m2", c.calculated_kg_m2, c.calculated_std_kg_m2),
-            ("measured_kg_m2", c.measured_kg_m2, c.measured_std_kg_m2),
-            ("error", c.error, c.error_std),
-        ):
-            found[f"testbody.{name}.{c.axis}"] = Parameter(value=value, std=std or None)
-    return found
 
 
 def _resting_on(mount: str) -> tuple[str, ...]:

@@ -359,21 +359,22 @@ def body_of_swing(
         if mass_kg is not None:
             raise ConfigError("a mass alone gives no inertia: give the distance too, or a rig.toml and the axis.")
         return None
+    return body_on(rig, [axis], body=body, mass=mass), axis
+
+
+def body_on(rig: Rig, names: Iterable[str], *, body: str | None, mass: Measured = (None, None)) -> SwungBody:
+    """Return the vehicle or test body of a rig on named mounts; a given mass replaces its own.
+
+    Raises ConfigError that lists the existing mounts where one is missing.
+    """
     is_test_body = body == "testbody"
     swung = swung_test_body(drawn_body(rig, *mass)) if is_test_body else vehicle(rig, *mass)
-    check_mounts([axis], swung.mounts, table="testbody.mounts" if is_test_body else "mounts")
-    return swung, axis
-
-
-def check_mounts(names: Iterable[str], mounts: Mapping[str, Mount], *, table: str) -> None:
-    """Check that every name is a mount of a table of rig.toml.
-
-    Raises ConfigError that lists the existing mounts.
-    """
+    table = "testbody.mounts" if is_test_body else "mounts"
     for name in names:
-        if name not in mounts:
-            there = ", ".join(mounts) or "none"
+        if name not in swung.mounts:
+            there = ", ".join(swung.mounts) or "none"
             raise ConfigError(f"'{name}' is no mount of this rig.toml (it has: {there}): add [{table}.{name}].")
+    return swung
 
 
 def _given_body(

@@ -7,7 +7,6 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.gridspec import GridSpec
 from matplotlib.transforms import ScaledTranslation
 
 from cfid.counted import counted
@@ -71,21 +70,26 @@ def swing_figure(swing: FreeSwing, fit: SwingFit, *, title: str) -> Figure:
 
 
 @styled
-def thesis_swing_figure(
-    swing: FreeSwing, cosine: DampedCosine, flexible: FlexibleFunction | None, *, title: str
-) -> Figure:
-    """Return the thesis' own fits: figure 2.12 with its residual and, with `flexible`, figure 2.13.
+def thesis_swing_figure(swing: FreeSwing, cosine: DampedCosine, flexible: FlexibleFunction, *, title: str) -> Figure:
+    """Return the thesis' own fits: figure 2.12 with its residual, and figure 2.13.
 
     Angles are in radians, as in the thesis, so that the figures can be compared side by side.
     """
-    heights_in = (2.1, 1.5) if flexible is None else (2.1, 1.5, 2.1, 1.5, 1.5)
-    page, grid = figure(len(heights_in), 2, heights_in=heights_in, title=title)
-    time, recorded, fitted = cosine.time_s, cosine.angle_rad, cosine.model_rad
-    shown = pieces(page, grid, 0, time, period_s=swing.period_s)
-    _draw_overlay(shown, time, recorded, fitted, title="(a) damped cosine, eq. 2.11", quantity=_RADIANS)
-    _draw_residual(page.add_subplot(grid[1, :]), time, recorded - fitted, title="(b) record less cosine")
-    if flexible is not None:
-        _draw_flexible(page, grid, swing, flexible)
+    page, grid = figure(5, 2, heights_in=(2.1, 1.5, 2.1, 1.5, 1.5), title=title)
+    fits = (0, cosine, "(a) damped cosine, eq. 2.11"), (2, flexible, "(c) flexible function, eq. 2.16")
+    for row, fit, name in fits:
+        shown = pieces(page, grid, row, fit.time_s, period_s=swing.period_s)
+        _draw_overlay(shown, fit.time_s, fit.angle_rad, fit.model_rad, title=name, quantity=_RADIANS)
+    residual = cosine.angle_rad - cosine.model_rad
+    _draw_residual(page.add_subplot(grid[1, :]), cosine.time_s, residual, title="(b) record less cosine")
+    derivatives = (
+        ("(d) its first derivative", flexible.speed_rad_per_s, "speed (rad/s)"),
+        ("(e) its second derivative", flexible.acceleration_rad_per_s2, "acceleration (rad/s²)"),
+    )
+    for row, (name, values, quantity) in enumerate(derivatives, start=3):
+        axes = page.add_subplot(grid[row, :])
+        name_panel(axes, name, x=_TIME, y=quantity)
+        draw_line(axes, flexible.time_s, values, color=MODEL, lw=0.9)
     page.align_ylabels()
     return page
 
@@ -181,17 +185,3 @@ def _found(fit: SwingFit) -> list[tuple[str, str]]:
         ("drift", plus_minus(100 * fit.drift, 100 * fit.drift_std, unit="%")),
         (_ACCEPTED, "yes" if fit.accepted else "NO"),
     ]
-
-
-def _draw_flexible(page: Figure, grid: GridSpec, swing: FreeSwing, flexible: FlexibleFunction) -> None:
-    time, recorded, fitted = flexible.time_s, flexible.angle_rad, flexible.model_rad
-    shown = pieces(page, grid, 2, time, period_s=swing.period_s)
-    _draw_overlay(shown, time, recorded, fitted, title="(c) flexible function, eq. 2.16", quantity=_RADIANS)
-    derivatives = (
-        ("(d) its first derivative", flexible.speed_rad_per_s, "speed (rad/s)"),
-        ("(e) its second derivative", flexible.acceleration_rad_per_s2, "acceleration (rad/s²)"),
-    )
-    for row, (title, values, quantity) in enumerate(derivatives, start=3):
-        axes = page.add_subplot(grid[row, :])
-        name_panel(axes, title, x=_TIME, y=quantity)
-        draw_line(axes, time, values, color=MODEL, lw=0.9)

@@ -1,7 +1,8 @@
 """Find a natural frequency from timed periods: those of a stopwatch, or of a light gate.
 
 A period grows with the amplitude A: T = T0 (1 + A^2 / 16 + ...), by the integral of the equation of motion, also of a
-body on two threads. Friction changes it by the square of the decay alone, and is not corrected.
+body on two threads. Friction changes it by the square of the decay alone, and is not corrected: where the amplitude
+falls by 10 % in a period, the natural frequency squared is 0.03 % too low.
 """
 
 import math
@@ -15,7 +16,7 @@ from scipy.stats import chi2
 from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.estimate.propagation import widened
-from cfid.findings import Finding, note, warning
+from cfid.findings import Finding, warning
 from cfid.recordings.periods import PeriodRecord
 from cfid.records.plausibility import taken_as_exact
 from cfid.swing.pendulum import NO_THREADS, Threads
@@ -52,9 +53,9 @@ def timed_frequency(record: PeriodRecord, threads: Threads = NO_THREADS) -> Time
             "or add a column std_s (0.2 s for a hand with a stopwatch)."
         )
     duration_std = np.ones(count) if record.std_s is None else record.std_s
-    frequency = 0.0
+    frequency, amplitude = 0.0, record.amplitude_rad
     for _ in range(_ROUNDS):
-        longer = _longer(record, threads, frequency)
+        longer = 1.0 if amplitude is None else period_ratio(amplitude, threads, frequency)
         period = record.duration_s / (record.periods * longer)
         period_std = duration_std / (record.periods * longer)
         weight = period_std**-2.0
@@ -74,36 +75,16 @@ def timed_frequency(record: PeriodRecord, threads: Threads = NO_THREADS) -> Time
                 "uncertainty: their scatter counts. Was a period missed, or the amplitude another one?"
             )
             findings.append(warning("swing-periods-scatter", text, "swing.*"))
-    by_amplitude, assumed = _of_amplitude(record, threads, frequency, weight)
-    corrected = float(frequency * (1 + by_amplitude.correction))
-    relative = math.hypot(2 * std / mean, by_amplitude.std)
-    text = (
-        "friction is assumed to be small: where the amplitude falls by 10 % in a period, the natural frequency squared "
-        "is 0.03 % too low."
-    )
-    return TimedFrequency(
-        corrected, relative * corrected, mean, (*findings, assumed, note("swing-periods-friction", text, "swing.*"))
-    )
-
-
-class _ByAmplitude(NamedTuple):
-    """Relative to the natural frequency squared: what is added to it, and its standard uncertainty."""
-
-    correction: float
-    std: float
-
-
-def _longer(record: PeriodRecord, threads: Threads, frequency: float) -> Array:
-    """Return the periods (n,) at the stated amplitudes relative to those of small swings; 1 where none is stated."""
-    if record.amplitude_rad is None:
-        return np.ones(len(record.duration_s))
-    return period_ratio(record.amplitude_rad, threads, frequency)
+    correction, amplitude_std, assumed = _of_amplitude(record, threads, frequency, weight)
+    corrected = float(frequency * (1 + correction))
+    relative = math.hypot(2 * std / mean, amplitude_std)
+    return TimedFrequency(corrected, relative * corrected, mean, (*findings, *assumed))
 
 
 def _of_amplitude(
     record: PeriodRecord, threads: Threads, frequency: float, weight: Array
-) -> tuple[_ByAmplitude, Finding]:
-    """Return what the amplitudes leave uncertain, and a finding on what is assumed of them.
+) -> tuple[float, float, tuple[Finding, ...]]:
+    """Return what amplitudes add to the natural frequency squared and leave uncertain of it, relative, and findings.
 
     An eye that reads amplitudes is wrong in the same way each time.
     """
@@ -116,14 +97,12 @@ def _of_amplitude(
             f"no amplitude is stated: one between 0 and {_UNSTATED_DEG:g} degrees is assumed, which leaves the natural "
             f"frequency squared uncertain by {100 * std:.2g} %. Add a column amplitude_deg."
         )
-        return _ByAmplitude(mean, std), warning("swing-amplitude-assumed", text, *keys)
+        return mean, std, (warning("swing-amplitude-assumed", text, *keys),)
     if record.amplitude_std_rad is None:
-        return _ByAmplitude(0.0, 0.0), taken_as_exact("amplitude", *keys)
+        return 0.0, 0.0, (taken_as_exact("amplitude", *keys),)
     farther = period_ratio(record.amplitude_rad + record.amplitude_std_rad, threads, frequency)
     change = farther / period_ratio(record.amplitude_rad, threads, frequency) - 1
-    std = 2 * float(weight @ change / weight.sum())
-    text = f"the stated amplitudes leave the natural frequency squared uncertain by {100 * std:.2g} %."
-    return _ByAmplitude(0.0, std), note("swing-amplitude-uncertain", text, *keys)
+    return 0.0, 2 * float(weight @ change / weight.sum()), ()
 
 
 def period_ratio(amplitude_rad: Array | Sequence[float], threads: Threads, frequency_s2: float) -> Array:

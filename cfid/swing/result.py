@@ -110,7 +110,7 @@ def fit(
         body, mount = hung
         given = axis_inertias([swing.mounted(mount)], body, around)
         (inertia,), (about_centre,) = given.about_axis_kg_m2, given.about_centre_kg_m2
-        quantities[INERTIA] = _parameter(inertia)
+        quantities[INERTIA] = parameter(inertia)
         if swing.window is not None:
             for key, name in _DAMPING.items():
                 ratio, ratio_std = getattr(swing.coefficients, name), getattr(swing.std, name)
@@ -158,7 +158,8 @@ def fit(
     )
 
 
-def _parameter(value: Any) -> Parameter:
+def parameter(value: Any) -> Parameter:
+    """Return an uncertain number as a quantity; its standard uncertainty is None where it is exact."""
     return Parameter(value=float(nominal_value(value)), std=float(std_dev(value)) or None)
 
 
@@ -319,12 +320,11 @@ def _thesis_checks(swing: SwingEstimate) -> tuple[dict[str, Dependent], list[Dep
             f"an inertia {100 * excess:+.2f} % off"
         )
         lines.append(Dependent(line, FREQUENCY))
-    decrement = log_decrement(swing.window)
-    scatter = decrement.viscous_scatter_per_s
-    decay = {**decrement.frequencies._asdict(), "viscous_scatter_per_s": scatter}
+    decrement, scatter = log_decrement(swing.window)
+    decay = {**decrement._asdict(), "viscous_scatter_per_s": scatter}
     line = (
-        f"check: decay by the logarithmic decrement {decrement.frequencies.viscous_per_s / 2:.3g} 1/s, scatter "
-        f"{scatter / 2:.2g}; its period gives {decrement.frequencies.natural_frequency_squared_s2:.6g} 1/s^2"
+        f"check: decay by the logarithmic decrement {decrement.viscous_per_s / 2:.3g} 1/s, scatter "
+        f"{scatter / 2:.2g}; its period gives {decrement.natural_frequency_squared_s2:.6g} 1/s^2"
     )
     return {**figures, "log_decrement": Dependent(decay, FREQUENCY)}, [*lines, Dependent(line, FREQUENCY)]
 

@@ -56,21 +56,13 @@ class FlexibleFunction:
     acceleration_rad_per_s2: Array
 
 
-@dataclass(frozen=True, kw_only=True)
-class Decrement:
-    """Logarithmic decrement (section 2.4.4): the mean over successive peaks, and their scatter."""
-
-    frequencies: Frequencies
-    viscous_scatter_per_s: float
-
-
 def fit_damped_cosine(swing: FreeSwing) -> DampedCosine:
     """Fit the linearised pendulum from the release to the last peak used. Raises FitError where nothing oscillates."""
     time, angle = resample(*swing.free, step_s=GRID_S)
     time = time - time[0]
     begin = float(angle[0])
     frequency = (2 * np.pi / swing.period_s) ** 2
-    decay = log_decrement(swing).frequencies.viscous_per_s
+    decay = log_decrement(swing)[0].viscous_per_s
     scale = np.array([frequency, np.sqrt(frequency), np.sqrt(frequency)])
 
     def residual(p: Array) -> Array:
@@ -129,17 +121,17 @@ def fit_flexible(swing: FreeSwing) -> FlexibleFunction:
     )
 
 
-def log_decrement(swing: FreeSwing) -> Decrement:
-    """Return natural frequency and damping from the peaks alone, ln(phi(t)/phi(t+T)) = T delta."""
+def log_decrement(swing: FreeSwing) -> tuple[Frequencies, float]:
+    """Return natural frequency and damping from the peaks alone, ln(phi(t)/phi(t+T)) = T delta (section 2.4.4).
+
+    They are means over successive peaks; with them, the scatter of the damping per s.
+    """
     used = slice(0, swing.peaks_used)
     times, heights = swing.peak_time_s[used], np.abs(swing.peak_angle_rad[used])
     decays = np.log(heights[:-1] / heights[1:]) / np.diff(times)
     decay = float(np.log(heights[0] / heights[-1]) / (times[-1] - times[0]))
     omega = 2 * np.pi * (len(times) - 2) / (times[-1] - times[1])
-    return Decrement(
-        frequencies=Frequencies(float(omega**2 + decay**2), 2 * decay),
-        viscous_scatter_per_s=float(2 * np.std(decays, ddof=1)),
-    )
+    return Frequencies(float(omega**2 + decay**2), 2 * decay), float(2 * np.std(decays, ddof=1))
 
 
 def _damped_cosine(time: Array, start: float, squared: float, viscous: float, speed: float) -> Array:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from uncertainties import ufloat
 
 from cfid.inertia import figures as inertia_figures
 from cfid.inertia.comparison import BodyComparison
@@ -69,16 +70,7 @@ def test_swings_that_contradict_each_other_are_marked_in_red(look: Look) -> None
 
 def test_the_test_bodys_difference_keeps_its_sign(look: Look) -> None:
     comparisons = [
-        BodyComparison(
-            axis=axis,
-            calculated_kg_m2=6.4e-6,
-            calculated_std_kg_m2=2e-8,
-            measured_kg_m2=6.4e-6 * factor,
-            measured_std_kg_m2=1e-7,
-            error=factor - 1,
-            error_std=0.016,
-        )
-        for axis, factor in (("x", 0.98), ("z", 1.03))
+        BodyComparison(axis, 6.4e-6, ufloat(6.4e-6 * factor, 1e-7)) for axis, factor in (("x", 0.98), ("z", 1.03))
     ]
     page = look(inertia_figures.testbody_figure(comparisons))
     written = [text.get_text() for text in page.texts()]

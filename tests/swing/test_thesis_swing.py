@@ -104,14 +104,11 @@ def test_the_nonlinear_equation_on_the_flexible_function_comes_nearer_than_the_c
     assert abs(flexible - truth) < 0.5 * abs(cosine - truth)
 
 
-def test_the_logarithmic_decrement_of_a_viscous_pendulum_is_its_damping() -> None:
-    found = log_decrement(free(12, viscous=1e-5))
+def test_the_logarithmic_decrement_is_a_viscous_damping_and_scatters_where_friction_is_another() -> None:
+    small, viscous, coulomb = (
+        log_decrement(free(degrees, viscous=1e-5, coulomb=dry)) for degrees, dry in ((12, 0.0), (40, 0.0), (40, 4e-5))
+    )
 
-    assert found.frequencies.viscous_per_s == pytest.approx(1e-5 / 3.1e-5, rel=0.02)
-    assert found.viscous_scatter_per_s < 0.1 * found.frequencies.viscous_per_s
-
-
-def test_the_logarithmic_decrement_scatters_when_friction_is_not_viscous() -> None:
-    viscous, coulomb = (log_decrement(free(40, viscous=1e-5, coulomb=c)) for c in (0.0, 4e-5))
-
-    assert coulomb.viscous_scatter_per_s > 3 * viscous.viscous_scatter_per_s
+    assert small[0].viscous_per_s == pytest.approx(1e-5 / 3.1e-5, rel=0.02)
+    assert small[1] < 0.1 * small[0].viscous_per_s
+    assert coulomb[1] > 3 * viscous[1]
