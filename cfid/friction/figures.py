@@ -1,7 +1,7 @@
 """Figures of the axis' friction: the dropped weights (figures 2.7 to 2.9), and torque against speed."""
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -19,7 +19,6 @@ from cfid.drawing.style import (
     MUTED,
     RECORDED,
     RECORDED_BELOW,
-    SERIES,
     WINDOW,
     draw_line,
     figure,
@@ -32,14 +31,11 @@ from cfid.findings import texts
 from cfid.friction.drops import Drop
 from cfid.friction.estimation import FrictionEstimate, thesis_friction
 
-LABEL_CHARACTERS = 40
+_LABEL_CHARACTERS = 40
 
 _TURN_RAD = 2 * np.pi
 _MEAN = "#E69F00"
-_LISTED_CHARACTERS = 26
-_LISTED_LINES = 9
-_LINE_PT = 11.0
-MOST_ROWS = 6  # runs that get a row of their own
+_FEW_ROWS = 6  # more of them are lower
 
 _TIME = "time (s)"
 _SPEED = "speed (rad/s)"
@@ -47,38 +43,28 @@ _NANO = 1e9
 _THESIS = "thesis: mean M_fr"
 
 
-class DrawnDrop(NamedTuple):
-    """A dropped weight with the name and the colour in which it is drawn."""
-
-    drop: Drop
-    label: str
-    colour: str
-
-
 @styled
 def drops_figure(drops: Sequence[Drop], *, labels: Sequence[str], title: str = "Dropped weights") -> Figure:
     """Return one row per run, with the turned angle on the left and the speed on the right.
 
-    Where there are more than six runs, those of the same weight share a row. Times count from each record's first
-    sample, as for a window set by hand. A run whose speed never settled is marked in red.
+    Times count from each record's first sample, as for a window set by hand. A run whose speed never settled is marked
+    in red.
     """
-    alone = len(drops) <= MOST_ROWS
-    rows = _rows(drops, labels, alone=alone)
-    heights_in = [KEY_IN, *[1.9 if len(rows) <= MOST_ROWS else 1.5] * len(rows)]
-    widths = (1, 1) if alone else (1, 1, 0.95)
-    page, grid = figure(len(heights_in), len(widths), heights_in=heights_in, widths=widths, title=title)
-    key_row(page.add_subplot(grid[0, :]), *(_key_alone() if alone else _key_together()))
-    for i, runs in enumerate(rows, start=1):
+    height_in = 1.9 if len(drops) <= _FEW_ROWS else 1.5
+    page, grid = figure(len(drops) + 1, 2, heights_in=[KEY_IN, *[height_in] * len(drops)], title=title)
+    key_row(
+        page.add_subplot(grid[0, :]),
+        Line2D([], [], color=RECORDED_BELOW, lw=2.6, label="recorded"),
+        Line2D([], [], color=MODEL, label="fit of eq. 2.13 and its slope"),
+        Patch(color=WINDOW, alpha=0.15, label="window"),
+        Line2D([], [], color=_MEAN, lw=2.0, label="mean in it"),
+    )
+    for i, (drop, label) in enumerate(zip(drops, labels, strict=True), start=1):
         turned, speed = page.add_subplot(grid[i, 0]), page.add_subplot(grid[i, 1])
-        for run in runs:
-            (_draw_alone if alone else _draw_together)(turned, speed, run)
-        who = shortened(runs[0].label, LABEL_CHARACTERS) if alone else f"{_grams(runs[0].drop)}, runs: {len(runs)}"
-        name_panel(turned, who, x=_TIME, y="angle (turns)")
-        unsettled = not all(run.drop.settled for run in runs)
-        name_panel(speed, _speed_title(runs), x=_TIME, y=_SPEED, colour=ALERT if unsettled else INK)
+        _draw_run(turned, speed, drop)
+        name_panel(turned, shortened(label, _LABEL_CHARACTERS), x=_TIME, y="angle (turns)")
+        name_panel(speed, _speed_title(drop), x=_TIME, y=_SPEED, colour=INK if drop.settled else ALERT)
         speed.set_ylim(bottom=min(0.0, speed.get_ylim()[0]))
-        if not alone:
-            _list_runs(page.add_subplot(grid[i, 2]), runs)
     page.align_ylabels()
     return page
 
@@ -124,17 +110,6 @@ def friction_figure(
     words(page.add_subplot(grid[2, 1]), _THESIS, _numbers(thesis))
     page.align_ylabels()
     return page
-
-
-def _rows(drops: Sequence[Drop], labels: Sequence[str], *, alone: bool) -> list[list[DrawnDrop]]:
-    named = list(zip(drops, labels, strict=True))
-    if alone:
-        return [[DrawnDrop(*each, RECORDED)] for each in named]
-    rows: dict[float, list[DrawnDrop]] = {}
-    for drop, label in sorted(named, key=lambda each: each[0].weight_kg):
-        row = rows.setdefault(drop.weight_kg, [])
-        row.append(DrawnDrop(drop, label, SERIES[len(row) % len(SERIES)]))
-    return list(rows.values())
 
 
 def _draw_drop(torque_axes: Axes, coefficient_axes: Axes, drop: Drop, torque: float) -> None:
@@ -186,24 +161,8 @@ def _numbers(found: FrictionEstimate) -> list[tuple[str, str]]:
     ]
 
 
-def _key_alone() -> list[Artist]:
-    """Return the legend of panels that show one run each."""
-    return [
-        Line2D([], [], color=RECORDED_BELOW, lw=2.6, label="recorded"),
-        Line2D([], [], color=MODEL, label="fit of eq. 2.13 and its slope"),
-        Patch(color=WINDOW, alpha=0.15, label="window"),
-        Line2D([], [], color=_MEAN, lw=2.0, label="mean in it"),
-    ]
-
-
-def _key_together() -> list[Artist]:
-    """Return the legend of panels that show several runs."""
-    return [Line2D([], [], color=INK, lw=1.5, marker="|", ms=6, label="window and mean in it")]
-
-
-def _draw_alone(turned: Axes, speed: Axes, run: DrawnDrop) -> None:
+def _draw_run(turned: Axes, speed: Axes, drop: Drop) -> None:
     """Draw a run's angle and speed with the window, its mean and the fit of eq. 2.13 with its slope."""
-    drop = run.drop
     for axes in (turned, speed):
         axes.axvspan(drop.from_s, drop.to_s, color=WINDOW if drop.settled else ALERT, alpha=0.13, lw=0, label="window")
     draw_line(turned, drop.time_s, drop.angle_rad / _TURN_RAD, color=RECORDED_BELOW, lw=2.6)
@@ -214,50 +173,10 @@ def _draw_alone(turned: Axes, speed: Axes, run: DrawnDrop) -> None:
     speed.plot(*window, color=_MEAN, lw=2.0, ls="-" if drop.settled else ":", label="mean")
 
 
-def _draw_together(turned: Axes, speed: Axes, run: DrawnDrop) -> None:
-    """Draw one of several runs in its colour, dotted and without a mean if its speed never settled."""
-    drop = run.drop
-    ls = "-" if drop.settled else ":"
-    draw_line(turned, drop.time_s, drop.angle_rad / _TURN_RAD, color=run.colour, lw=1.0, ls=ls)
-    draw_line(speed, drop.time_s[:-1], drop.trace_rad_per_s, color=run.colour, lw=0.7, ls=ls)
+def _speed_title(drop: Drop) -> str:
     if drop.settled:
-        window = [drop.from_s, drop.to_s], [drop.speed_rad_per_s] * 2
-        speed.plot(*window, color=INK, lw=1.5, marker="|", ms=6, label="mean")
-
-
-def _speed_title(runs: Sequence[DrawnDrop]) -> str:
-    """Return the speed of the runs that settled, or the title of those that did not."""
-    settled = [run.drop for run in runs if run.drop.settled]
-    if len(runs) > 1:
-        mean = [f"{np.mean([drop.speed_rad_per_s for drop in settled]):.4g} rad/s"] if settled else []
-        lost = len(runs) - len(settled)
-        return "; ".join([*mean, *([f"{lost} of {len(runs)} never settled"] if lost else [])])
-    drop = runs[0].drop
-    if settled:
         speed = plus_minus(drop.speed_rad_per_s, drop.speed_std_rad_per_s)
         return f"{speed}, tends to {drop.terminal_rad_per_s:.4g} rad/s"
     if not np.isfinite(drop.ripple):
         return "never settled: less than two turns"
     return f"never settled: speed varies by {100 * drop.ripple:.0f} %"
-
-
-def _list_runs(axes: Axes, runs: Sequence[DrawnDrop]) -> None:
-    """Write the names of the runs that share a row, each in its colour, the unsettled ones in red."""
-    axes.set_axis_off()
-    lines: list[tuple[str, str]] = []
-    for run in runs:
-        # The row names the weight already.
-        name = shortened(run.label.removeprefix(f"{_grams(run.drop)}, "), _LISTED_CHARACTERS)
-        lines += [(name, run.colour)] if run.drop.settled else [(f"{name}:", ALERT), ("   never settled", ALERT)]
-    if len(lines) > _LISTED_LINES:
-        lines = [*lines[: _LISTED_LINES - 1], ("and more", MUTED)]
-    for i, (text, colour) in enumerate(lines):
-        axes.annotate(
-            text, (0, 1), xytext=(0, -_LINE_PT * i), xycoords="axes fraction", textcoords="offset points",
-            va="top", size=8, color=colour, parse_math=False, in_layout=False,
-        )  # fmt: skip
-
-
-def _grams(drop: Drop) -> str:
-    """Return the weight as scales show it."""
-    return f"{1e3 * drop.weight_kg:.4g} g"

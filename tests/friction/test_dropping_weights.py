@@ -195,13 +195,6 @@ def test_uncertain_weights_and_gravity_widen_friction() -> None:
     )
 
 
-def test_one_weight_alone_gives_no_friction_and_the_reason() -> None:
-    found = fit_friction([measured(*fallen(40), 40)], radius_m=RADIUS_M, radius_std_m=0.0, gravity_mps2=GRAVITY)
-
-    assert (found.viscous_nms_per_rad, found.coulomb_nm, found.setup_inertia_kg_m2) == (None, None, None)
-    assert "one weight alone" in found.findings[0].text
-
-
 def test_friction_that_comes_out_negative_is_set_to_zero_with_a_warning() -> None:
     dry_below, viscous_below = (
         fit_friction(

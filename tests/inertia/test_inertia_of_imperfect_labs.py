@@ -15,7 +15,6 @@ import numpy.typing as npt
 import pytest
 from scipy.stats import beta
 
-from cfid.errors import FitError
 from cfid.findings import Finding
 from cfid.inertia.matrix import InertiaFit, fit_inertia
 from cfid.quantities.plausible import implausible
@@ -277,11 +276,6 @@ def test_a_mass_in_grams_leaves_no_matrix() -> None:
     heavy = lab._replace(body=replace(lab.body, mass_kg=0.0028, mass_std_kg=3e-3)).fitted(*lab.swings)
 
     assert "inertia-below-uncertainty" in codes(heavy.findings)
-
-
-def test_five_swings_have_no_redundancy_to_judge() -> None:
-    with pytest.raises(FitError, match="six are needed"):
-        Lab(axes={name: SIX[name] for name in list(SIX)[:5]}).fitted(np.random.default_rng(0))
 
 
 @pytest.mark.slow

@@ -16,7 +16,7 @@ import pytest
 from cfid.records.rig_file import load_rig
 from cfid.sim.plants import Pendulum
 from cfid.sim.swing import draw_truth, pendulum
-from cfid.sim.truth import INERTIA_KG_M2, USUAL_TRUTH
+from cfid.sim.truth import INERTIA_KG_M2
 from tests.campaigns import RECORDINGS_SEED, sentences
 from tests.kept import sections_at
 
@@ -110,13 +110,6 @@ def test_peaks_can_be_given_per_axis(cfid: Cfid, files: Path) -> None:
     assert used["xz"] > 9
 
 
-def test_a_swing_without_mass_and_distance_gives_a_frequency_and_no_inertia(cfid: Cfid, files: Path) -> None:
-    parameters = found(cfid("fit", "swing", files / "x.csv", "--axis", "x", "--json"))["parameters"]
-
-    assert parameters["swing.natural_frequency_squared_s2"]["value"] > 100
-    assert not any("inertia" in name or "_nm" in name for name in parameters)
-
-
 def test_a_swing_with_mass_and_distance_gives_inertia_and_damping(cfid: Cfid, files: Path) -> None:
     words = ["fit", "swing", files / "x.csv", "--mass-kg", "0.028", "--distance-m", "0.022855", "--json"]
     parameters = found(cfid(*words))["parameters"]
@@ -152,23 +145,6 @@ def test_the_thesis_method_gives_too_large_an_inertia_with_the_reason(cfid: Cfid
         excess, abs=3 * by_default["std"] / frequency
     )
     assert any("sin(phi)" in warning for warning in sentences(theirs))
-
-
-def test_friction_of_dropped_weights(cfid: Cfid, files: Path) -> None:
-    drops = [f"{path.stem.split('_')[1][:-1]}={path}" for path in sorted(files.glob("drop_*.csv"))]
-    result = found(cfid("fit", "friction", *drops, "--radius-mm", "2.1", "--json"))
-    parameters = result["parameters"]
-
-    assert set(parameters) == {
-        "friction.viscous_nms_per_rad",
-        "friction.coulomb_nm",
-        "friction.setup_inertia_kg_m2",
-        "friction.runs",
-    }
-    for name in ("coulomb_nm", "viscous_nms_per_rad", "setup_inertia_kg_m2"):
-        estimate = parameters[f"friction.{name}"]
-        assert abs(estimate["value"] - getattr(USUAL_TRUTH.axis, name)) < 3 * estimate["std"]
-    assert len(parameters["friction.runs"]["value"]) == len(drops)
 
 
 def test_the_test_body_agrees_with_its_drawing(cfid: Cfid, files: Path) -> None:

@@ -98,12 +98,3 @@ def test_the_matrix_lies_within_its_95_percent_intervals_93_to_97_times_in_100_o
     print("coverage of xx, xy, xz, yy, yz, zz:", covered.mean(axis=0), "all:", covered.mean())
     assert 0.93 <= covered.mean() <= 0.97
     assert np.all((covered.mean(axis=0) >= 0.93) & (covered.mean(axis=0) <= 0.97))
-
-
-@pytest.mark.slow
-def test_the_matrix_lies_within_its_intervals_over_forty_campaigns(rig: Rig) -> None:
-    scores = z_scores(rig, 40, seed=11)
-
-    # There are 240 entries, correlated within a campaign: for 95 %, the share is between 89 and 99 %.
-    assert 0.89 <= np.mean(np.abs(scores) < 1.96) <= 0.99
-    assert np.abs(scores.mean(axis=0)).max() < 0.6
