@@ -118,7 +118,6 @@ class OutputError:
     residual_rad: Array
     jacobian: Array
     free: npt.NDArray[np.bool_]
-    iterations: int
     converged: bool
 
     @property
@@ -194,9 +193,7 @@ def fit_output_error(
     sampler, gyro = _sampler(time_s, trajectory, setup), setup.gyro_per_s is not None
     jacobian = np.zeros((len(time_s), len(weights)))
     converged = False
-    iteration = 0
-    while not converged and iteration < _MAX_ITERATIONS:
-        iteration += 1
+    for iteration in range(_MAX_ITERATIONS):
         try:
             columns = linearised(state, begin, step, Coefficients(*values[:count]), physical, threads=setup.threads)
             seen = sampler @ state
@@ -208,7 +205,7 @@ def fit_output_error(
             change, moved_rad = _gauss_newton(jacobian, error - sampled[:, 0], weights, pulled)
         except np.linalg.LinAlgError:
             break
-        if iteration > _FULL_STEPS:  # where dry friction jumps, full steps may alternate between two sides
+        if iteration >= _FULL_STEPS:  # where dry friction jumps, full steps may alternate between two sides
             change /= 2
         moved = columns[:, 0] + columns[:, 1:] @ np.concatenate([change[: len(physical)], change[-2:]])
         if not np.max(np.abs(moved[::2])) < _RUNAWAY_RAD:
@@ -221,6 +218,8 @@ def fit_output_error(
         converged = moved_rad < max(_CONVERGED_RAD, _CONVERGED * uncertain_rad) and off_equation_rad < max(
             _ON_THE_EQUATION_RAD, _CONVERGED * uncertain_rad
         )
+        if converged:
+            break
     return OutputError(
         coefficients=Coefficients(*map(float, values[:count])),
         instrument=(float(values[count]), float(values[count + 1])),
@@ -231,7 +230,6 @@ def fit_output_error(
         residual_rad=reading_rad - _read(sampler @ state, values[count:], gyro=gyro)[0],
         jacobian=jacobian,
         free=free,
-        iterations=iteration,
         converged=converged,
     )
 
@@ -254,27 +252,23 @@ def on_another_grid(trajectory: Trajectory, step_s: float) -> Trajectory:
     end_s = trajectory.step_s * (len(trajectory.angle_rad) - 1)
     time_s = trajectory.start_s + step_s * np.arange(math.ceil(end_s / step_s) + 1)
     inside = np.minimum(time_s, trajectory.start_s + end_s)
-    speed = _sampled(trajectory, inside, Setup(gyro_per_s=1.0))
-    return Trajectory(trajectory.start_s, step_s, sample(trajectory, inside), speed)
+    return Trajectory(trajectory.start_s, step_s, *sample(trajectory, inside))
 
 
-def sample(trajectory: Trajectory, time_s: Array) -> Array:
-    """Return the trajectory's angle at any times (n,) within its grid, by cubic Hermite interpolation."""
-    return _sampled(trajectory, time_s, PLAIN)
+def sample(trajectory: Trajectory, time_s: Array) -> tuple[Array, Array]:
+    """Return the trajectory's angle and speed at any times (n,) within its grid, by cubic Hermite interpolation."""
+    state = np.stack([trajectory.angle_rad, trajectory.speed_rad_per_s], axis=1).ravel()
+    angle, speed = (_sampler(time_s, trajectory, Setup(gyro_per_s=per_s)) @ state for per_s in (None, 1.0))
+    return angle, speed
 
 
 def motion_in_readings(fit: OutputError, time_s: Array) -> tuple[Array, Array]:
     """Return the fitted angle and its derivative (n,), or for a gyro its rate and the rate's derivative's shape."""
-    angle, speed = sample(fit.trajectory, time_s), _sampled(fit.trajectory, time_s, Setup(gyro_per_s=1.0))
+    angle, speed = sample(fit.trajectory, time_s)
     if fit.setup.gyro_per_s is None:
         return angle, speed
     frequency = fit.coefficients.natural_frequency_squared_s2
     return speed / fit.setup.gyro_per_s, -frequency * np.sin(angle) / fit.setup.gyro_per_s
-
-
-def _sampled(trajectory: Trajectory, time_s: Array, setup: Setup) -> Array:
-    state = np.stack([trajectory.angle_rad, trajectory.speed_rad_per_s], axis=1).ravel()
-    return np.asarray(_sampler(time_s, trajectory, setup) @ state)
 
 
 def _gauss_newton(jacobian: Array, error: Array, weights: Array, pulled: Array) -> tuple[Array, float]:
