@@ -20,7 +20,7 @@ from cfid.console.options import Delivery, FlipFz, Markers, Method, RigOptions, 
 from cfid.console.outcome import deliver
 from cfid.console.recording import KeepOptions, ResumeOptions, rig_of
 from cfid.console.selection import chosen, interrupted
-from cfid.console.vehicle import ExperimentOptions, LogMs
+from cfid.console.vehicle import CellRateHz, ExperimentOptions, LogMs
 from cfid.counted import counted
 from cfid.errors import ConfigError
 from cfid.lazy import later
@@ -146,9 +146,7 @@ def wind(
     resume: ResumeOptions,
     keep: KeepOptions,
     note: Note = None,
-    rate_hz: Annotated[
-        int | None, typer.Option(min=1, help="Load-cell samples per second; default: rig.toml's.")
-    ] = None,
+    rate_hz: CellRateHz = None,
 ) -> None:
     """Record load cell, commands and battery in one wind setting, command by command; Ctrl-C stops the motors.
 

@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
+from scipy.special import ndtri
 
 from cfid.drag.estimation import DragFit, fit_drag, regressors
 from cfid.drag.model import COMPLEX, CROSS, CROSS_MENDED, SIMPLE, DragExperiments
@@ -32,7 +33,6 @@ _APART = 0.01
 _OUTLIER = 5.0  # robust standard deviations
 _GROSS = 0.5  # of the root mean square force: smaller residuals may be the model's own errors
 _ROBUST_ROUNDS = 3
-_NORMAL_MEDIAN = 0.6745  # of the absolute values of a standard normal distribution
 _LEAST_NOISE_N = 1e-6  # of a table that states no noise: less is rounding
 _MOST_NAMES = 4
 
@@ -144,7 +144,7 @@ def outlying(experiments: DragExperiments, fit: DragFit) -> list[Finding]:
         for axes in (slice(0, 2), slice(2, 3)):
             ratio = np.abs(residual[:, axes] / stated[:, axes])
             unknowns = int(np.any(columns.reshape(*stated.shape, -1)[:, axes], axis=(0, 1)).sum())
-            expected = _NORMAL_MEDIAN * math.sqrt(max(ratio.size - unknowns, 1) / ratio.size)
+            expected = float(ndtri(0.75)) * math.sqrt(max(ratio.size - unknowns, 1) / ratio.size)
             least = 1.0 if experiments.noise_known else _LEAST_NOISE_N
             noise[:, axes] = stated[:, axes] * max(float(np.median(ratio)) / expected, least)
         white = np.vstack([columns / noise.reshape(-1, 1), prior])
