@@ -105,8 +105,8 @@ EXPERIMENTS: Mapping[str, Experiment] = {
     "dynamics": Experiment(
         title="Rotor dynamics",
         fit="fit dynamics",
-        function="cfid.motors.steps.command:dynamics",
-        line="Fit how rotors follow commands: a lag to each step and one rotor model, or one lag to a flight log.",
+        function="cfid.motors.rotor.command:dynamics",
+        line="Fit how rotors follow commands: one rotor model for steps, staircases, logs and stands.",
     ),
     "tf": Experiment(
         title="Transfer function of motor and rotor",

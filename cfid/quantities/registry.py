@@ -239,12 +239,11 @@ _ROTORS = _given(
              _SPINNING, count=2),
     Quantity("dynamics.falling", "1/s, 1/rad", "k_f", "rotor model, spinning down: linear and quadratic", Shape.LIST,
              _SPINNING, count=2),
-    Quantity("dynamics.delay_s", "s", "δ", "delay of the rotor behind its logged command", plausible=_LATE,
-             given_by="`cfid fit dynamics` of a flight log"),
+    Quantity("dynamics.delay_s", "s", "δ", "delay of the rotor behind its logged command", plausible=_LATE),
     Quantity("dynamics.time_constant_s", "s", "τ", "steps or rotors: time constant of each", Shape.ROWS,
              measured=("time_constant_s", "std_s", "delay_s")),
-    Quantity("dynamics.map", "as named", "", "what each rotor's lag follows, c0 + c1 u + c2 u^2 of a command, with std",
-             Shape.ROWS, given_by="`cfid fit dynamics` of a flight log"),
+    Quantity("dynamics.map", "as named", "", "speed that each rotor follows, c0 + c1 u + c2 u^2 of a command, with std",
+             Shape.ROWS),
 )  # fmt: skip
 
 

@@ -164,7 +164,7 @@ def step_response(campaign: Campaign, truth: SimTruth, rng: np.random.Generator)
     """Steps of one motor, with its speed estimated from vibration: the time constant of each step."""
     run = record_staircase(truth, rng, steps=QUICK_STEPS, motors=(1,), hold_s=1.5, rest_s=1.5, rate_hz=FULL_RATE_HZ)
     (path,) = write_runs(campaign, [run])
-    result = cfid.motors.steps.fit(path)
+    result = cfid.motors.rotor.fit(path)
     rows = [row for row in _rows(result) if row["accepted"] and row["time_constant_s"] is not None]
     rise_s, fall_s = truth.rotors.time_constant_s, truth.rotors.time_constant_s * (1 + truth.rotors.slower_fall)
     taken = {

@@ -21,9 +21,8 @@ import cfid.swing
 from cfid import drag, latency, transfer
 from cfid.findings import rejection
 from cfid.inertia.data import Swing
-from cfid.motors import lag, steps
+from cfid.motors import rotor
 from cfid.motors.maps.result import fit_thrust
-from cfid.motors.steps.data import SpeedRecord
 from cfid.recordings.angle import AngleRecord, labelled
 from cfid.records.parameters import Source, plain
 from cfid.records.result import Dependent, Result
@@ -36,9 +35,7 @@ from tests.estimate.test_common_causes import evidence
 from tests.friction.test_drops_of_imperfect_labs import record as dropped
 from tests.inertia.test_inertia_result import TABLE_2_3, known
 from tests.latency.test_latency import ping_run
-from tests.motors.test_lag_coverage import flown
-from tests.motors.test_lag_of_logs import MOTORS, NEXT, SPEEDS, logged, read
-from tests.motors.test_rotor_dynamics import COMMAND, TIME_S, followed_speed, noise
+from tests.motors.rotor_plant import Plant, write_log
 from tests.transfer.sines_in_a_folder import sines, write_run
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
@@ -81,20 +78,11 @@ def thrust(_: Path) -> Result:
     return fit_thrust(evidence(np.random.default_rng(1)), gravity_mps2=9.81)
 
 
-def model_of_steps(_: Path) -> Result:
-    speed = followed_speed((10.0, 0.0), (5.0, 0.0)) + noise(1, 3.0)
-    speed[-100:] += np.linspace(0, 400, 100)  # the last step's lag does not fit
-    path = Path("stand.csv")
-    return steps.fit(
-        SpeedRecord(name="stand", path=path, time_s=TIME_S, speed_rad_s=speed, command_time_s=TIME_S, command=COMMAND)
-    )
-
-
-def lag_of_a_log(folder: Path) -> Result:
-    _, command, speed = flown(4, 7, noise=3.0, red=0.0)
-    speed[3] = 1800 + 200 * np.random.default_rng(2).standard_normal(speed.shape[1])
-    columns: list[Array] = [*(65535 * command[:, 0]), *(NEXT * speed)]
-    return lag.fit(read(logged(folder, MOTORS + SPEEDS, *columns)))
+def rotors_of_a_log(folder: Path) -> Result:
+    log = write_log(folder / "log.csv", Plant(), 7, rotors=2, row_s=0.01)
+    log["rpm.m2"] = 18000 + 2000 * np.random.default_rng(2).standard_normal(len(log))
+    log.to_csv(folder / "log.csv", index=False)
+    return rotor.fit(folder / "log.csv")
 
 
 def drag_of_a_complex_vehicle(_: Path) -> Result:
@@ -130,8 +118,7 @@ LOST: Mapping[Callable[[Path], Result], tuple[str, set[str]]] = {
     drawn_body: ("testbody.measured_kg_m2.x", {"swings.0.natural_frequency_squared_s2", "swings.0.std_s2"}),
     friction: ("friction.viscous_nms_per_rad", set()),
     thrust: ("motor.max_thrust_n", {"common_causes.motor.max_thrust_n", "max_thrust_at_v"}),
-    model_of_steps: ("dynamics.rising", set()),
-    lag_of_a_log: ("dynamics.rising", set()),
+    rotors_of_a_log: ("dynamics.rising", set()),
     drag_of_a_complex_vehicle: ("drag.complex.normalised.k3", {"normalised_squared"}),
     transfer_function: ("tf.static_gain_n", {"thesis.static_gain_n", "static_gain_off_slope"}),
     transfer_by_thesis: ("tf.time_constant_s", {"series.bench.time_constant_s"}),
@@ -173,11 +160,8 @@ def test_what_follows_from_a_rejected_quantity_goes_with_it_and_the_rest_stays(m
     assert {one for one in gone if not one.startswith((*lost, f"common_causes.{key}"))} == set()
 
 
-@pytest.mark.parametrize("make", [model_of_steps, lag_of_a_log])
-def test_a_rejected_row_keeps_its_place_and_loses_what_was_measured(
-    make: Callable[[Path], Result], tmp_path: Path
-) -> None:
-    result = make(tmp_path)
+def test_a_rejected_row_keeps_its_place_and_loses_what_was_measured(tmp_path: Path) -> None:
+    result = rotors_of_a_log(tmp_path)
     all_rows, given = (one.quantities["dynamics.time_constant_s"].value for one in (result, result.without_rejected()))
 
     assert result.accepted
