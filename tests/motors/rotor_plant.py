@@ -12,6 +12,7 @@ import pandas as pd
 from cfid.records.result import Result
 
 Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
 
 STEP_S = 2.5e-4
 FULL = 65535
@@ -46,14 +47,15 @@ class Plant:
         place = np.maximum(np.searchsorted(change_s + self.delay_s, time_s, side="right") - 1, 0)
         unit = np.where(commands > 0, self.steady(commands), 0.0)
         speed, now = np.empty((len(time_s), unit.shape[1])), unit[0].copy()
-        starts, volts = now == 0, np.empty(len(time_s))
+        starts: Mask = now == 0
+        volts = np.empty(len(time_s))
         for row, at in enumerate(place):
             speed[row] = now
             volts[row] = 4.0 - self.empties_v * row / len(time_s) - self.sag_v * float(np.mean((now / 2000) ** 2))
             to = unit[at] * (volts[row] / 4.0) ** self.power
-            starts = np.where(to == 0, True, np.logical_and(starts, now < 0.97 * to))
+            starts = np.asarray((to == 0) | (starts & (now < 0.97 * to)))
 
-            def slope(w: Array, to: Array = to, starts: Array = starts) -> Array:
+            def slope(w: Array, to: Array = to, starts: Mask = starts) -> Array:
                 k1, k2 = (np.where(to > w, up, down) for up, down in zip(self.rising, self.falling, strict=True))
                 return np.asarray((to - w) * (k1 + k2 * (to + w)) / np.where(starts & (to > w), self.start, 1.0))
 
@@ -119,7 +121,7 @@ def write_stand(
     row_s: float = 0.01,
     noise: float = 4.0,
     step: float = 0.0,
-    volts: bool = False,
+    volts: bool = True,
     repeat: int = 1,
 ) -> pd.DataFrame:
     """Write a thrust stand's table of one rotor with held commands, its speed rounded to a `step`, and return it."""
@@ -136,10 +138,10 @@ def write_stand(
     shown = np.maximum(speed[at, 0] + turning * rng.normal(0, noise, len(at)), 0.0)
     shown = step * np.round(shown / step) if step else shown
     shown = shown[np.arange(len(shown)) // repeat * repeat]
-    table = {"t": np.round(time_s, 4), "cmd": np.round(FULL * held(change_s, commands[:, 0], time_s))}
+    table = {"t_s": np.round(time_s, 4), "cmd": np.round(FULL * held(change_s, commands[:, 0], time_s))}
     table["rpm"] = np.round(RPM * shown, 2)
     if volts:
-        table["voltage"] = battery[at] + rng.normal(0, 0.01, len(at))
+        table["vbat_v"] = battery[at] + rng.normal(0, 0.01, len(at))
     stand = pd.DataFrame(table)
     stand.to_csv(path, index=False)
     return stand

@@ -211,7 +211,7 @@ def test_what_goes_one_way_alone_has_rates_of_that_way(tmp_path: Path) -> None:
 def test_what_is_no_rotor_is_rejected(tmp_path: Path) -> None:
     path = tmp_path / "stand.csv"
     table = write_stand(path, PLANT, 14)
-    table.assign(t=20 * table["t"]).to_csv(path, index=False)
+    table.assign(t_s=20 * table["t_s"]).to_csv(path, index=False)
     assert not fit(path).accepted
     table.assign(rpm=10000 + np.random.default_rng(1).normal(0, 800, len(table))).to_csv(path, index=False)
     assert "rotor-model-misfit" in codes(fit(path), "rejection")
@@ -227,7 +227,7 @@ def test_commands_that_move_faster_than_they_were_logged_are_refused(tmp_path: P
     [
         (lambda table: table.assign(cmd=30000), FitError),
         (lambda table: table.assign(rpm=0), DataError),
-        (lambda table: table.assign(t=np.floor(10 * table["t"]) / 10), DataError),
+        (lambda table: table.assign(t_s=np.floor(10 * table["t_s"]) / 10), DataError),
         (lambda table: table[:15], FitError),
     ],
 )

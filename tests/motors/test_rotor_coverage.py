@@ -39,7 +39,7 @@ def log(folder: Path, seed: int, *, noise: float = 0.0, **how: object) -> RotorF
     ],
 )
 def test_intervals_of_rates_hold_the_truth(tmp_path: Path, name: str, fitted: object, how: dict[str, object]) -> None:
-    fits = [fitted(tmp_path, seed, **how) for seed in range(60)]  # type: ignore[operator]
+    fits = [fitted(tmp_path, seed, **how) for seed in range(30)]  # type: ignore[operator]
     for place, way in ((RISE, "rising"), (FALL, "falling")):
         true = np.log([PLANT.rate(fit.at_rad_s, rising=way == "rising") for fit in fits])
         error = np.array([fit.values[place] for fit in fits]) - true

@@ -57,8 +57,8 @@ class RotorRecord:
     `first` (m,) are the commands before which the record was broken. `volts` is the voltage without the rotor's own
     load, which adds `sag_v` per square of its speed, and `at_v` the mean while the rotor was driven. Where commands are
     known from rows alone, these are `row_s` apart, and each is taken to hold from the middle between two rows on, its
-    mean; a command that changes in most rows is `moving`, and `straight` between rows that are far apart. Speeds may be older than their rows by up to
-    `age_s`, whose mean is corrected, and are means over `blur_s`.
+    mean; a command that changes in most rows is `moving`, and `straight` between rows that are far apart. Speeds may be
+    older than their rows by up to `age_s`, whose mean is corrected, and are means over `blur_s`.
     """
 
     time_s: Array

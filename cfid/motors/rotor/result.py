@@ -312,18 +312,18 @@ def _rows(rotor: _Rotor, *, is_log: bool) -> list[dict[str, object]]:
             rest = p[START] if rising and begin == 0 else 0.0
             return np.array([1 / ((k1 + 2 * k2 * mean) * math.exp(rest))])
 
-        rows.append(
-            {
-                **({"rotor": int(rotor.name.split()[1])} if is_log else {}),
-                "cmd_from": begin,
-                "cmd_to": end,
-                "rising": rising,
-                "time_constant_s": float(time_constant(fit.values)[0]),
-                "std_s": float(std_of(propagated(time_constant, fit.values, covariance))[0]),
-                "delay_s": float(fit.values[DELAY]),
-                "accepted": not rotor.reasons,
-            }
-        )
+        tau_s = float(time_constant(fit.values)[0])
+        std_s = float(std_of(propagated(time_constant, fit.values, covariance))[0])
+        row = {
+            "cmd_from": begin,
+            "cmd_to": end,
+            "rising": rising,
+            "time_constant_s": tau_s,
+            "std_s": std_s,
+            "delay_s": float(fit.values[DELAY]),
+            "accepted": not rotor.reasons and std_s < _LOOSE * tau_s,
+        }
+        rows.append({"rotor": int(rotor.name.split()[1]), **row} if is_log else row)
     return rows
 
 
