@@ -1,7 +1,5 @@
 """Weights that turn a vehicle on its axis, recorded by its gyro."""
 
-from pathlib import Path
-
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -9,10 +7,10 @@ import pytest
 from cfid.friction.result import fit
 from cfid.recordings.angle import AngleRecord
 from cfid.recordings.gyro import Rates, integrated
-from cfid.records.parameters import Source
 from cfid.records.rig_file import thesis_rig
 from cfid.records.run import Label
 from cfid.sim.plants import DroppingWeight, drop
+from tests.recordings.made import made_angle
 
 Array = npt.NDArray[np.float64]
 
@@ -49,13 +47,10 @@ def test_friction_by_a_gyro_is_as_by_an_encoder_and_bears_the_scale_of_the_gyro(
 def record(grams: float, time_s: Array, speed: Array, *, rng: np.random.Generator) -> AngleRecord:
     rate = speed + np.radians(0.3 + 0.07 * rng.standard_normal(len(speed)))
     angle, bias = integrated(time_s, rate)
-    return AngleRecord(
-        path=Path(f"{grams:g}g"),
-        source=Source("", ""),
+    return made_angle(
+        time_s,
+        angle,
+        name=f"{grams:g}g",
         label=Label(weight_g=grams, weight_std_g=0.01),
-        time_s=time_s,
-        angle_rad=angle,
-        findings=(),
-        run=f"{grams:g}g",
         rates=Rates(rate - bias, np.array([1.0, 0.0, 0.0]), 0.0),
     )

@@ -1,13 +1,18 @@
 """Results of `cfid.inertia.fit` and `fit_testbody` in a notebook."""
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import cfid.inertia
 from cfid.errors import ConfigError
 from cfid.records.result import Result
-from cfid.records.rig_file import Mount, ThreadPair, thesis_rig
+from cfid.records.rig_file import thesis_rig
 from cfid.swing.body import KnownInertia
+from tests.campaigns import Cfid
+from tests.swing.swung import swung, written
 
 RIG = thesis_rig()
 TABLE_2_3 = {"x": 3.119770e-5, "y": 3.128159e-5, "z": 7.004148e-5, "xy": 4.940333e-5, "xz": 4.600706e-5}
@@ -49,40 +54,6 @@ def test_axes_that_determine_no_matrix_give_their_axis_inertias() -> None:
     assert result.figures() == {}
 
 
-def test_a_mount_on_threads_has_no_curve_over_the_distance_and_spoils_no_other() -> None:
-    pair = ThreadPair(above_mm=30.0, below_mm=30.0, length_mm=200.0)
-    some, all_six = (
-        RIG.model_copy(
-            update={
-                "mounts": RIG.mounts | {n: Mount(direction=RIG.mounts[n].direction, threads=pair) for n in on_threads}
-            }
-        )
-        for on_threads in (["yz"], list(RIG.mounts))
-    )
-    drawn = [cfid.inertia.fit(known(), rig=rig).figures() for rig in (some, all_six)]
-    some_panel, panel = (figures["inertia"].axes[1] for figures in drawn)
-    curves = [line for line in some_panel.lines if len(np.asarray(line.get_xdata())) == 200]
-
-    assert len(curves) == 5
-    assert all(np.isfinite(np.asarray(curve.get_ydata())).all() for curve in curves)
-    assert not panel.axison
-    assert ["inertia_mounts" in figures for figures in drawn] == [True, False]
-
-
-def test_contradicting_swings_lose_everything_and_no_number_is_in_the_lines() -> None:
-    result = cfid.inertia.fit([*known(), KnownInertia("x", 3.3e-5, 1e-9), KnownInertia("x", 2.9e-5, 1e-9)], rig=RIG)
-
-    assert codes(result, "rejection") == ["inertia-swings-contradict"]
-    assert result.without_rejected().quantities == {}
-    assert not any("budget" in line for line in result.without_rejected().summary())
-
-
-def test_without_a_rig_the_fits_ask_for_one() -> None:
-    for fit in (cfid.inertia.fit, cfid.inertia.fit_testbody):
-        with pytest.raises(ConfigError, match="`geometry` thesis"):
-            fit(known())
-
-
 def test_a_fixture_is_one_and_peaks_belong_to_mounts_that_swing() -> None:
     with pytest.raises(ConfigError, match="more than one swing of the empty fixture"):
         cfid.inertia.fit([*known(), KnownInertia("fixture", 1e-8), KnownInertia("fixture", 1e-8)], rig=RIG)
@@ -110,3 +81,43 @@ def test_a_test_body_far_off_its_drawing_is_doubtful_and_then_rejected(off: floa
     assert result.accepted == ("testbody-another-axis" not in expected)
     assert set(result.without_rejected().quantities) >= {"testbody.calculated_kg_m2.x"}
     assert any("the drawing" in line for line in result.without_rejected().summary()) == result.accepted
+
+
+G, MASS_KG, DISTANCE_M, INERTIA_KG_M2 = 9.81, 0.028, 0.0229, 3.2e-5  # the body's, about the axis
+CUBE_KG, EDGE_M, OFF_M = 1.2e-3, 0.019, 0.002
+EDGE = "edge_mm = 19.0\nedge_std_mm = 0.1\n"
+
+
+@pytest.fixture
+def lab(cfid: Cfid, tmp_path: Path) -> Path:
+    """A campaign with a swing of a body on a cube of 19 mm, whose centre is 2 mm from the axis."""
+    assert cfid("new", "lab").returncode == 0
+    cube = CUBE_KG * ((EDGE_M**2 + EDGE_M**2) / 12 + OFF_M**2)
+    moment, inertia = G * (MASS_KG * DISTANCE_M + CUBE_KG * OFF_M), INERTIA_KG_M2 + cube
+    time_s, angle = swung(moment / inertia, release_rad=0.7, seconds=21, viscous=3e-7 / inertia, row_s=4e-3)
+    written(tmp_path / "lab" / "swing.csv", time_s, angle + np.random.default_rng(1).normal(0, 2e-4, len(angle)))
+    return tmp_path / "lab"
+
+
+def swing_with(cfid: Cfid, lab: Path, edge: str) -> tuple[int, str, str]:
+    fixture = f"\n[fixture]\nmass_kg = 0.0012\nmass_std_kg = 0.00002\ndistance_mm = 2.0\ndistance_std_mm = 0.1\n{edge}"
+    (lab / "rig.toml").write_text((lab / "rig.toml").read_text() + fixture)
+    body = ("--mass-kg", f"{MASS_KG}:1e-6", "--distance-m", f"{DISTANCE_M}:1e-6")
+    ended = cfid("fit", "swing", "swing.csv", "--axis", "x", *body, "--gravity-mps2", "9.81", "--json", folder=lab)
+    return ended.returncode, ended.stdout, ended.stderr
+
+
+def test_the_inertia_of_a_cube_that_was_not_swung_alone_is_that_of_its_edge(cfid: Cfid, lab: Path) -> None:
+    code, shown, _ = swing_with(cfid, lab, EDGE)
+    found = json.loads(shown)["parameters"]["swing.axis_inertia_kg_m2"]
+
+    assert code == 0
+    assert found["value"] == pytest.approx(INERTIA_KG_M2, rel=5e-4)
+    assert found["std"] < 1e-3 * INERTIA_KG_M2
+
+
+def test_a_fixture_without_an_edge_or_a_swing_of_its_own_is_refused(cfid: Cfid, lab: Path) -> None:
+    code, shown, told = swing_with(cfid, lab, "")
+
+    assert (code, shown) == (2, "")
+    assert "edge_mm" in told

@@ -1,9 +1,9 @@
-/* A step after the other of a pendulum that was let go: see test_swings_of_imperfect_labs.py, which compiles this. */
+/* One step after another of a pendulum that was let go: see swung.py, which compiles this. */
 
 #include <math.h>
 
 struct pendulum {
-    double frequency_squared_s2, viscous, coulomb, quadratic; /* per inertia */
+    double frequency_squared_s2, viscous, coulomb, quadratic, root; /* per inertia */
     double release_rad, stribeck, cable, ripple;
     double slip_rad_per_s, stribeck_rad_per_s;
 };
@@ -17,7 +17,7 @@ static double acceleration(const struct pendulum *one, double angle, double spee
     if (one->ripple != 0)
         size = fmax(size + one->ripple * cos(angle), 0);
     return -one->frequency_squared_s2 * pull - one->viscous * speed - size * tanh(speed / one->slip_rad_per_s) -
-           one->quadratic * speed * fabs(speed);
+           one->quadratic * speed * fabs(speed) - copysign(one->root * sqrt(fabs(speed)), speed);
 }
 
 /* Write the angle at the begin of each row, by the Runge-Kutta method of fourth order. */

@@ -57,21 +57,6 @@ def test_the_ten_degree_rule_stops_at_the_last_peak_of_ten_degrees() -> None:
     assert heights[found.peaks_used - 1] >= 10 > heights[found.peaks_used]
 
 
-def test_more_peaks_than_there_are_are_refused() -> None:
-    with pytest.raises(DataError, match="99 peaks were requested"):
-        find_swing(*recorded(HandRelease(angle_rad=0.5)), peaks=99)
-
-
-def test_a_window_within_a_free_swing_is_a_record_that_begins_and_ends_there() -> None:
-    time_s, angle = recorded(HandRelease(angle_rad=0.8))
-    within = slice(*np.searchsorted(time_s, (3.0, 6.0)))
-    cut, found = find_swing(time_s[within], angle[within]), find_swing(time_s, angle, from_s=3.0, to_s=6.0)
-
-    assert 3.0 <= found.time_s[found.hand_gone] < 3.3
-    assert 5.4 < found.time_s[found.end] <= 6.0
-    assert found.period_s == pytest.approx(cut.period_s, rel=1e-6)
-
-
 def test_a_swing_pushed_again_ends_before_the_push() -> None:
     _, angle = recorded(HandRelease(angle_rad=0.8))
     pushed: Array = np.concatenate([angle[:4500], 0.3 + (angle[2000:6000] - 0.3) * 0.9]).astype(np.float64)
@@ -82,7 +67,6 @@ def test_a_swing_pushed_again_ends_before_the_push() -> None:
 
 
 def test_a_body_that_is_lifted_again_at_the_end_leaves_the_swing_before() -> None:
-    """Earlier, such a record was refused with the advice to release higher, however good its first swing was."""
     _, angle = recorded(HandRelease(angle_rad=0.8))
     time_s, again = recorded(HandRelease(angle_rad=0.9))
     second = np.asarray(again[: round(1000 * (find_swing(time_s, again).release_s + 0.6))])
@@ -94,34 +78,21 @@ def test_a_body_that_is_lifted_again_at_the_end_leaves_the_swing_before() -> Non
     assert [finding.code for finding in found.findings] == ["swing-peak-grows"]
 
 
-def test_an_angle_that_never_changes_is_refused() -> None:
-    with pytest.raises(DataError, match="never changes"):
-        find_swing(np.arange(0, 5, 0.01), np.full(500, 1.2))
+TIME_S = np.arange(0, 9, 0.001)
+REFUSED: dict[str, tuple[Array, dict[str, int], str]] = {
+    "never changes": (np.full(9000, 1.2), {}, "never changes"),
+    "a wobble below a degree": (0.005 * np.cos(14 * TIME_S), {}, "no swing"),
+    "lifted before the end": (np.radians(-55.6) * np.clip(TIME_S - 8.3, 0, 0.5) / 0.5, {}, "no release found"),
+    "500 rad": (1000 * recorded(HandRelease(angle_rad=0.8))[1][:9000], {}, "goes over the top"),
+    "three peaks": (recorded(HandRelease(angle_rad=0.8))[1][:3000], {}, "usable peaks"),
+    "more peaks than there are": (recorded(HandRelease(angle_rad=0.5))[1][:9000], {"peaks": 99}, "were requested"),
+}
 
 
-def test_a_wobble_below_a_degree_is_no_swing() -> None:
-    time_s = np.arange(0, 5, 0.001)
-    with pytest.raises(DataError, match="no swing"):
-        find_swing(time_s, 0.005 * np.cos(14 * time_s))
-
-
-def test_a_body_that_was_lifted_and_not_let_go_before_the_end_has_no_release() -> None:
-    time_s = np.arange(0, 9, 0.001)
-    lifted = np.radians(-55.6) * np.clip(time_s - 8.3, 0, 0.5) / 0.5
-    with pytest.raises(DataError, match=r"no release found: the angle goes -55\.6 degrees from rest and does not"):
-        find_swing(time_s, lifted)
-
-
-def test_a_swing_of_500_rad_is_a_wrong_unit() -> None:
-    time_s, angle = recorded(HandRelease(angle_rad=0.8))
-    with pytest.raises(DataError, match="goes over the top"):
-        find_swing(time_s, 1000 * angle)
-
-
-def test_three_peaks_are_too_few() -> None:
-    time_s, angle = recorded(HandRelease(angle_rad=0.8))
-    with pytest.raises(DataError, match=r"usable peaks.* Record longer after the release"):
-        find_swing(time_s[:3000], angle[:3000])
+@pytest.mark.parametrize(("angle", "window", "reason"), REFUSED.values(), ids=REFUSED)
+def test_a_record_without_a_free_swing_is_refused(angle: Array, window: dict[str, int], reason: str) -> None:
+    with pytest.raises(DataError, match=reason):
+        find_swing(TIME_S[: len(angle)], angle, **window)
 
 
 def test_a_record_of_hours_is_refused_until_its_window_is_given() -> None:

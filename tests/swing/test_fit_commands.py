@@ -1,8 +1,6 @@
 """The fits as scripts see them: JSON as specified, exit codes, and the files that a campaign keeps."""
 
 import json
-import math
-import os
 import shutil
 import subprocess
 from collections.abc import Callable
@@ -17,8 +15,7 @@ from cfid.records.rig_file import load_rig
 from cfid.sim.plants import Pendulum
 from cfid.sim.swing import draw_truth, pendulum
 from cfid.sim.truth import INERTIA_KG_M2
-from tests.campaigns import RECORDINGS_SEED, sentences
-from tests.kept import sections_at
+from tests.campaigns import RECORDINGS_SEED
 
 Cfid = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -49,12 +46,14 @@ def swings(files: Path, *axes: str) -> list[str]:
     return [f"{axis}={files / axis}.csv" for axis in axes or AXES]
 
 
-def test_json_has_the_keys_of_the_contract(cfid: Cfid, files: Path) -> None:
+def test_six_recordings_give_the_simulated_matrix_as_json_with_the_keys_of_the_contract(
+    cfid: Cfid, files: Path, truth: np.ndarray[tuple[int, int], np.dtype[np.float64]]
+) -> None:
     result = found(cfid("fit", "inertia", *swings(files), "--geometry", files / "geometry.toml", "--json"))
+    matrix = result["parameters"]["inertia.matrix_kg_m2"]
 
     assert set(result) == {"command", "parameters", "accepted", "in_force", "findings", "quality", "sources", "version"}
-    assert result["command"] == "fit inertia"
-    assert result["accepted"] is True
+    assert (result["command"], result["accepted"]) == ("fit inertia", True)
     assert set(result["parameters"]) == {
         "inertia.matrix_kg_m2",
         *(f"inertia.{kind}_kg_m2.{axis}" for kind in ("axis", "centre") for axis in AXES),
@@ -64,14 +63,6 @@ def test_json_has_the_keys_of_the_contract(cfid: Cfid, files: Path) -> None:
         assert np.shape(parameter["value"]) == np.shape(parameter["std"])
     assert [Path(source["path"]).stem for source in result["sources"]] == list(AXES)
     assert all(len(source["sha256"]) == 64 for source in result["sources"])
-
-
-def test_six_recordings_give_the_simulated_matrix(
-    cfid: Cfid, files: Path, truth: np.ndarray[tuple[int, int], np.dtype[np.float64]]
-) -> None:
-    result = found(cfid("fit", "inertia", *swings(files), "--geometry", files / "geometry.toml", "--json"))
-    matrix = result["parameters"]["inertia.matrix_kg_m2"]
-
     assert np.all(np.abs(np.array(matrix["value"]) - truth) < 3 * np.array(matrix["std"]))
     assert max(np.array(matrix["std"]).ravel()) < 2e-7
 
@@ -91,44 +82,16 @@ def test_the_thesis_matrix_comes_out_with_its_geometry_and_without_a_rig_the_fit
     assert "--geometry thesis" in asked.stderr
 
 
-def test_numbers_with_a_standard_uncertainty_and_files_mix(cfid: Cfid, files: Path) -> None:
-    words = [*swings(files, *AXES[1:]), "x=3.11e-05:4e-08", "--geometry", files / "geometry.toml", "--json"]
-    result = found(cfid("fit", "inertia", *words))
+def test_numbers_with_a_standard_uncertainty_and_files_mix_and_peaks_are_given_per_axis(
+    cfid: Cfid, files: Path
+) -> None:
+    words = [*swings(files, *AXES[1:]), "x=3.11e-05:4e-08", "--peaks", "y=8,z=9"]
+    result = found(cfid("fit", "inertia", *words, "--geometry", files / "geometry.toml", "--json"))
+    of_x, used = result["parameters"]["inertia.axis_kg_m2.x"], result["quality"]["swings"]
 
-    assert result["parameters"]["inertia.axis_kg_m2.x"] == {
-        "value": 3.11e-05,
-        "std": pytest.approx(4e-08),
-        "unit": "kg m^2",
-    }
-
-
-def test_peaks_can_be_given_per_axis(cfid: Cfid, files: Path) -> None:
-    words = [*swings(files), "--peaks", "x=8,z=9", "--geometry", files / "geometry.toml", "--json"]
-    used = {swing["axis"]: swing["peaks_used"] for swing in found(cfid("fit", "inertia", *words))["quality"]["swings"]}
-
-    assert (used["x"], used["z"]) == (8, 9)
-    assert used["xz"] > 9
-
-
-def test_a_swing_with_mass_and_distance_gives_inertia_and_damping(cfid: Cfid, files: Path) -> None:
-    words = ["fit", "swing", files / "x.csv", "--mass-kg", "0.028", "--distance-m", "0.022855", "--json"]
-    parameters = found(cfid(*words))["parameters"]
-    inertia = parameters["swing.axis_inertia_kg_m2"]
-    true = simulated(files / "geometry.toml", "x")
-    given_moment = 0.028 * 9.81 * 0.022855
-
-    assert abs(inertia["value"] - given_moment / true.gravity_moment_nm * true.axis_inertia_kg_m2) < 3 * inertia["std"]
-    assert set(parameters) == {
-        "swing.natural_frequency_squared_s2",
-        "swing.axis_inertia_kg_m2",
-        "swing.viscous_nms_per_rad",
-        "swing.coulomb_nm",
-        "swing.quadratic_nms2_per_rad2",
-        "swing.start_angle_rad",
-        "swing.start_speed_rad_per_s",
-        "swing.zero_rad",
-        "swing.peaks_used",
-    }
+    assert of_x == {"value": 3.11e-05, "std": pytest.approx(4e-08), "unit": "kg m^2"}
+    peaks = {swing["axis"]: swing.get("peaks_used", 0) for swing in used}
+    assert (peaks["y"], peaks["z"], peaks["xz"] > 9) == (8, 9, True)
 
 
 def test_the_thesis_method_gives_too_large_an_inertia_with_the_reason(cfid: Cfid, files: Path) -> None:
@@ -144,45 +107,18 @@ def test_the_thesis_method_gives_too_large_an_inertia_with_the_reason(cfid: Cfid
     assert ours["quality"]["damped_cosine"]["relative_inertia_excess"] == pytest.approx(
         excess, abs=3 * by_default["std"] / frequency
     )
-    assert any("sin(phi)" in warning for warning in sentences(theirs))
-
-
-def test_the_test_body_agrees_with_its_drawing(cfid: Cfid, files: Path) -> None:
-    words = [f"x={files / 'tb_x.csv'}", f"z={files / 'tb_z.csv'}", "--geometry", files / "geometry.toml", "--json"]
-    parameters = found(cfid("fit", "testbody", *words))["parameters"]
-
-    for axis in "xz":
-        assert abs(parameters[f"testbody.error.{axis}"]["value"]) < 0.03
-        measured, calculated = (parameters[f"testbody.{k}_kg_m2.{axis}"] for k in ("measured", "calculated"))
-        assert abs(measured["value"] - calculated["value"]) < 3 * math.hypot(measured["std"], calculated["std"])
-
-
-def test_a_campaign_keeps_what_a_fit_found_and_another_fit_leaves_it(cfid: Cfid, files: Path, tmp_path: Path) -> None:
-    campaign = tmp_path / "campaign"
-    assert cfid("new", campaign).returncode == 0
-    inertia = found(cfid("fit", "inertia", *swings(files), "--json", folder=campaign))
-    found(cfid("fit", "testbody", f"x={files / 'tb_x.csv'}", "--json", folder=campaign))
-    kept = sections_at(campaign)
-
-    assert set(kept) == {"inertia", "testbody"}
-    matrix = kept["inertia"].parameters["inertia.matrix_kg_m2"]
-    assert matrix.value == inertia["parameters"]["inertia.matrix_kg_m2"]["value"]
-    assert matrix.unit == "kg m^2"
-    assert [Path(source.path).stem for source in kept["inertia"].sources] == list(AXES)
+    assert "swing-thesis-bias" in {finding["code"] for finding in theirs["findings"]}
 
 
 @pytest.mark.parametrize("jump_s", [20, 600])
-def test_a_clock_that_was_set_within_a_swing_ends_in_a_sentence(
+def test_a_clock_that_was_set_within_a_swing_gives_no_number(
     cfid: Cfid, files: Path, tmp_path: Path, jump_s: float
 ) -> None:
     frame = pd.read_csv(files / "x.csv")
     frame.iloc[len(frame) // 2 :, 0] += jump_s
     frame.to_csv(tmp_path / "set.csv", index=False)
 
-    refused = cfid("fit", "swing", tmp_path / "set.csv", "--no-figures")
-
-    assert refused.returncode in (4, 5)
-    assert "Traceback" not in refused.stderr
+    assert cfid("fit", "swing", tmp_path / "set.csv", "--no-figures").returncode in (4, 5)
 
 
 def test_a_fit_made_with_another_rig_toml_is_stale_and_exported_no_more(
@@ -199,29 +135,9 @@ def test_a_fit_made_with_another_rig_toml_is_stale_and_exported_no_more(
         return " ".join(cfid("status", "--campaign", tmp_path / "lab", "--kind", "inertia").stdout.split())
 
     assert "fit again" not in after("[site]", "# where the rig stands\n[site]")
-    said = after("mass_kg = 0.0280", "mass_kg = 0.03")
-    assert "Made with another rig.toml: vehicle.mass_kg was 0.028, is 0.03: fit again." in said
-    refused = cfid("export", "firmware", "--campaign", tmp_path / "lab")
-    assert refused.returncode == 4
-    assert "inertia.matrix_kg_m2 is outdated. Made with another rig.toml" in refused.stderr
+    assert "vehicle.mass_kg was 0.028, is 0.03: fit again." in after("mass_kg = 0.0280", "mass_kg = 0.03")
+    assert cfid("export", "firmware", "--campaign", tmp_path / "lab").returncode == 4
     assert "mounts.x has changed: fit again" in after("point_mm = [0.0, 32.25", "point_mm = [0.0, 32.35")
-
-
-def test_figures_lie_where_they_are_asked_for_and_replace_only_themselves(
-    cfid: Cfid, files: Path, tmp_path: Path
-) -> None:
-    out = tmp_path / "figures"
-    words = ["fit", "swing", files / "y.csv", "--out", out]
-    assert cfid(*words).returncode == 0
-    assert {path.name for path in out.iterdir()} == {"y_swing.png", "y_swing.svg"}
-    assert cfid(*words).returncode == 0
-
-    (out / "y_swing.png").write_bytes(b"somebody's own picture")
-    refused = cfid(*words)
-    assert refused.returncode == 2
-    assert "--force" in refused.stderr
-    assert "swing.natural_frequency_squared_s2" in refused.stdout  # a missing figure costs no result
-    assert (out / "y_swing.png").read_bytes() == b"somebody's own picture"
 
 
 def test_a_run_folder_brings_its_axis_along(cfid: Cfid, bodies: Path) -> None:
@@ -233,23 +149,6 @@ def test_a_run_folder_brings_its_axis_along(cfid: Cfid, bodies: Path) -> None:
     inertia = by_name["parameters"]["swing.axis_inertia_kg_m2"]
     true = simulated(bodies / "rig.toml", "z")
     assert abs(inertia["value"] - true.axis_inertia_kg_m2) < 3 * inertia["std"]
-
-    again = cfid("demo", bodies)
-    assert again.returncode == 2
-    assert "delete it" in again.stderr
-
-    listed = cfid("runs", "--json", "--campaign", bodies)
-    states = {row["state"] for row in json.loads(listed.stdout)["runs"]}
-    assert states == {"complete"}
-
-    toml = run / "run.toml"
-    toml.write_text(toml.read_text().replace('"complete"', '"recording"'))
-    for file in run.glob("*.csv"):
-        os.utime(file)
-    assert "still being recorded" in sentences(found(cfid("fit", "swing", run, "--json")))[0]
-    for file in run.glob("*.csv"):
-        os.utime(file, (0, 0))
-    assert "cut" in cfid("runs", "--campaign", bodies).stdout
 
 
 def test_swings_about_exchanged_axes_are_no_test_body(cfid: Cfid, bodies: Path, tmp_path: Path) -> None:
@@ -263,8 +162,4 @@ def test_swings_about_exchanged_axes_are_no_test_body(cfid: Cfid, bodies: Path, 
         "fit", "testbody", f"x={tmp_path / 'x'}", f"z={tmp_path / 'z'}", "--campaign", bodies, "--no-figures"
     )
 
-    assert right.returncode == 0
-    assert contradicting.returncode == 2
-    assert "axis 'x' contradicts the run's own label, axis 'z'" in contradicting.stderr
-    assert exchanged.returncode == 5
-    assert "standard uncertainties apart (limit 4). Check which axis was swung" in exchanged.stderr
+    assert [ended.returncode for ended in (right, contradicting, exchanged)] == [0, 2, 5]

@@ -8,19 +8,52 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.recordings.gyro import about_one_axis, integrated
-from cfid.sim.imu import ImuTruth
+from cfid.recordings.gyro import SCALE_STD, about_one_axis, integrated
+from cfid.sim.imu import Hanging, Imu, ImuTruth
 from cfid.sim.plants import Motion, Pendulum, TwoThreads, swing
 from cfid.sim.swing import draw_release
 from cfid.swing.estimation import SwingFit, fit_swing
 from cfid.swing.pendulum import NO_THREADS, Threads
-from cfid.swing.window import find_swing
-from tests.swing.gyro_recordings import gyro_of, gyro_swing, usual_gyro
+from cfid.swing.window import FreeSwing, find_swing
 
 Array = npt.NDArray[np.float64]
 
 G = 9.81
 STEP_S = 1e-3
+
+
+def gyro_of(
+    motion: Motion,
+    i: int,
+    *,
+    rate_hz: float,
+    truth: ImuTruth,
+    rng: np.random.Generator,
+    axis: Sequence[float] | Array = (1.0, 0.0, 0.0),
+) -> tuple[Array, Array]:
+    """Return a gyro's times (n,) and rates (n, 3) in rad/s for one body of a motion with steps of 1 ms or less."""
+    every = round(1 / rate_hz / (motion.time_s[1] - motion.time_s[0]))
+    time_s, speed = motion.time_s[::every], motion.speed_rad_per_s[::every, i]
+    hanging = Hanging(axis=np.array(axis), down=np.array([0.0, 0.0, -1.0]), sensor_m=np.zeros(3), gravity_mps2=9.81)
+    moving = iter(speed.tolist())
+    imu = Imu(truth, hanging, lambda _: (0.0, next(moving), 0.0), rng)
+    return time_s, np.radians([imu.at(float(at)).gyro_dps for at in time_s])
+
+
+def gyro_swing(time_s: Array, rates_rad_per_s: Array, threads: Threads = NO_THREADS) -> FreeSwing:
+    """Return the swing that a gyro's rates (n, 3) show."""
+    found = about_one_axis(rates_rad_per_s)
+    angle, bias = integrated(time_s, found.rate_rad_per_s)
+    swing = find_swing(time_s, angle)
+    rate = found.rate_rad_per_s - bias
+    return replace(swing, rate_rad_per_s=rate, rate_scale_std=SCALE_STD, threads=threads)
+
+
+def usual_gyro(rng: np.random.Generator) -> ImuTruth:
+    """Return a gyro with a random bias, and with scale errors that its data sheet allows."""
+    x, y, z = rng.normal(0, SCALE_STD, 3).tolist()
+    bias = rng.uniform(-1, 1, 3).tolist()
+    return ImuTruth(gyro_scale=(x, y, z), gyro_bias_dps=(bias[0], bias[1], bias[2]))
 
 
 def pendulums(count: int, rng: np.random.Generator) -> list[Pendulum]:
@@ -74,25 +107,7 @@ def test_a_gyro_whose_scale_is_off_gives_w_to_two_ten_thousandths(degrees: float
 
     assert np.abs(errors).max() < limit
     assert np.abs(scores).max() < 4
-
-
-def test_a_trembling_hand_leaves_the_bias_of_the_gyro_as_it_is() -> None:
-    motion, _ = swung(10, 12, seed=110)
-    rng = np.random.default_rng(110)
-    for i in range(12):
-        time_s, rates = gyro_of(motion, i, rate_hz=100, truth=usual_gyro(rng), rng=rng)
-        angle, _ = integrated(time_s, about_one_axis(rates).rate_rad_per_s)
-        assert np.degrees(np.abs(angle - motion.angle_rad[::10, i]).max()) < 0.5
-
-
-def test_intervals_of_a_dozen_gyro_swings_hold_w() -> None:
-    motion, truth = swung(45, 12, seed=12)
-
-    errors, scores = relative(fits(motion, rate_hz=100, seed=12), truth)
-
-    assert np.abs(errors).max() < 5e-4
-    assert np.count_nonzero(np.abs(scores) < 1.96) >= 10
-    assert 0.4 < np.sqrt(np.mean(scores**2)) < 1.7
+    assert np.abs(errors / scores).max() < limit  # what is stated
 
 
 @pytest.mark.slow
@@ -177,16 +192,6 @@ def let_go(bodies: list[TwoThreads], degrees: float, rng: np.random.Generator) -
     motion = swing(bodies, releases, duration_s=14.0, step_s=2 * STEP_S, store_every=1)
     truth = [of_threads(body) for body in bodies]
     return motion, np.array([w for w, _ in truth]), [threads for _, threads in truth]
-
-
-@pytest.mark.parametrize("degrees", [15, 70])
-def test_two_threads_give_w_to_two_ten_thousandths_at_any_angle(degrees: float) -> None:
-    motion, truth, threads = twisted(degrees, 1, seed=round(degrees))
-
-    errors, scores = relative(fits(motion, rate_hz=100, seed=3, threads=threads), truth)
-
-    assert np.abs(errors).max() < 2e-4
-    assert np.abs(scores).max() < 4
 
 
 def test_an_encoder_over_threads_gives_the_same_and_a_pendulums_equation_does_not() -> None:

@@ -7,12 +7,11 @@ import math
 import numpy as np
 import numpy.typing as npt
 import pytest
-from scipy.integrate import solve_ivp
 from scipy.signal import savgol_filter
 
 from cfid.estimate.signals import correlation_inflation, smooth
 from cfid.sim.plants import HandRelease, Motion, Pendulum, swing
-from cfid.swing.pendulum import OutputError, first_guess, fit_output_error, sample
+from cfid.swing.pendulum import OutputError, first_guess, fit_output_error
 
 Array = npt.NDArray[np.float64]
 TERMS = ("viscous", "coulomb", "quadratic")
@@ -65,8 +64,7 @@ def fitted(time_s: Array, angle: Array, terms: tuple[str, ...], step_s: float = 
     return fit_output_error(time_s, angle, values=values, free=free, trajectory=trajectory)
 
 
-@pytest.mark.parametrize("begin_s", [1.0, 2.5, 4.0])
-@pytest.mark.parametrize("length_s", [0.5, 1.5, 2.0])
+@pytest.mark.parametrize(("begin_s", "length_s"), [(1.0, 0.5), (2.5, 2.0)])
 def test_a_gap_of_several_periods_costs_no_accuracy(begin_s: float, length_s: float) -> None:
     time_s, angle = free_swing(70.0, SMOOTH[0])
     kept = (time_s < time_s[0] + begin_s) | (time_s > time_s[0] + begin_s + length_s)
@@ -97,31 +95,6 @@ def test_coulomb_friction_jumps_at_every_turn_and_still_comes_back(degrees: floa
     assert INERTIA * fit.coefficients.coulomb_per_s2 == pytest.approx(4e-5, rel=2e-3)
 
 
-def test_a_finer_grid_changes_nothing_that_matters() -> None:
-    record = free_swing(40, ALL_THREE)
-    coarse, fine = (fitted(*record, TERMS, step_s).coefficients[0] for step_s in (0.004, 0.001))
-
-    assert coarse == pytest.approx(fine, rel=2e-6)
-
-
-def test_the_trajectory_solves_the_equation_of_motion() -> None:
-    fit = fitted(*free_swing(60, (1.5e-5, 0.0, 2e-6)), ("viscous", "quadratic"))
-    frequency, viscous, _, quadratic, zero = fit.coefficients[:5]
-
-    def motion(_: float, y: Array) -> list[float]:
-        return [y[1], -frequency * math.sin(y[0] - zero) - viscous * y[1] - quadratic * y[1] * abs(y[1])]
-
-    times = fit.trajectory.start_s + fit.trajectory.step_s * np.arange(len(fit.trajectory.angle_rad))
-    begin = [fit.start_angle_rad, fit.start_speed_rad_per_s]
-    truth = solve_ivp(motion, (times[0], times[-1]), begin, t_eval=times, method="DOP853", rtol=1e-11, atol=1e-12)
-
-    assert np.abs(truth.y[0] - fit.trajectory.angle_rad).max() < 1e-6
-    middle = (times[:-1] + times[1:]) / 2
-    assert sample(fit.trajectory, middle[::50])[0] == pytest.approx(
-        np.interp(middle[::50], times, truth.y[0]), abs=2e-3
-    )
-
-
 def test_the_jacobian_is_the_derivative_of_the_prediction() -> None:
     time_s, angle = free_swing(40, ALL_THREE)
     fit = fitted(time_s, angle, TERMS)
@@ -131,14 +104,6 @@ def test_the_jacobian_is_the_derivative_of_the_prediction() -> None:
 
     change = (moved.values - held.values)[held.free]
     assert change == pytest.approx(1e-6 * np.array([3.0, 0.05, 0.2, 0.01, 0.001]), rel=2e-2)
-
-
-def test_a_record_that_is_no_swing_does_not_converge_quietly() -> None:
-    rng = np.random.default_rng(5)
-    time_s = np.arange(0, 5, 0.004)
-    fit = fitted(time_s, rng.normal(0, 0.5, len(time_s)), TERMS)
-
-    assert not fit.converged or np.std(fit.residual_rad) > 0.4
 
 
 def test_smoothing_equals_the_savitzky_golay_filter() -> None:

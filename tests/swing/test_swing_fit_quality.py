@@ -8,7 +8,7 @@ import numpy.typing as npt
 import pytest
 
 from cfid.sim.plants import HandRelease, Motion, Pendulum, swing
-from cfid.swing.estimation import fit_swing, waveform
+from cfid.swing.estimation import fit_swing
 from cfid.swing.window import FreeSwing, find_swing
 
 Array = npt.NDArray[np.float64]
@@ -69,18 +69,6 @@ def test_a_pendulum_whose_frequency_drifts_is_rejected() -> None:
     assert "swing-frequency-drift" in {finding.code for finding in fit.findings}
 
 
-def test_the_waveform_may_be_off_by_the_rounding_of_a_coarse_encoder() -> None:
-    swing_found = found(viscous_nms_per_rad=1.5e-5, noise_rad=0.0)
-    fit, (time_s, angle) = fit_swing(swing_found).output_error, swing_found.hands_off
-    step_rad = 2 * math.pi / 400
-    rounding_rad = float(np.std(np.round(angle / step_rad) * step_rad - angle))
-    fine, coarse = (waveform(fit, time_s, resolution_rad=step)[2] for step in (0.0, step_rad))
-
-    start_rad = float(np.abs(fit.trajectory.angle_rad).max())
-    assert fine == pytest.approx(0.0015, rel=1e-3)
-    assert math.sqrt(coarse**2 - fine**2) * start_rad == pytest.approx(rounding_rad, rel=0.05)
-
-
 def test_correlated_noise_widens_the_standard_uncertainty_and_white_noise_does_not() -> None:
     time_s, clean = recorded(viscous_nms_per_rad=1.5e-5, noise_rad=0.0)
     rng = np.random.default_rng(7)
@@ -92,27 +80,3 @@ def test_correlated_noise_widens_the_standard_uncertainty_and_white_noise_does_n
     ratio = second.std.natural_frequency_squared_s2 / first.std.natural_frequency_squared_s2
     assert 4 < ratio < 9  # sqrt(40) = 6.3
     assert first.residual_rms_rad == pytest.approx(second.residual_rms_rad, rel=0.1)
-
-
-def test_the_stated_uncertainty_of_the_zero_is_its_scatter_over_noise() -> None:
-    time_s, clean = recorded(viscous_nms_per_rad=1.5e-5, noise_rad=0.0)
-    rng = np.random.default_rng(12)
-    swings = [find_swing(time_s, clean + rng.normal(0, 1e-3, len(time_s)), peaks=6) for _ in range(24)]
-    fits = [fit_swing(one) for one in swings]
-    values = np.array([one.rest_rad + fit.coefficients.zero_rad for one, fit in zip(swings, fits, strict=True)])
-    stated = np.array([fit.std.zero_rad for fit in fits])
-
-    # A standard deviation of 24 values is uncertain by 15 %.
-    assert 0.55 < values.std(ddof=1) / stated.mean() < 1.45
-    assert abs(values.mean()) < 3 * stated.mean() / np.sqrt(24)
-
-
-@pytest.mark.parametrize("seed", range(6))
-def test_a_swing_without_friction_shows_none(seed: int) -> None:
-    time_s, angle = recorded(noise_rad=0.0, degrees=30)
-    noise = np.random.default_rng(seed).normal(0, 2e-3, len(time_s))
-    fit = fit_swing(find_swing(time_s, angle + noise, peaks=10))
-
-    assert abs(fit.coefficients.natural_frequency_squared_s2 - MOMENT / INERTIA) < 2 * fit.std[0]
-    for value, std in zip(fit.coefficients[1:4], fit.std[1:4], strict=True):
-        assert abs(value) <= 3 * std

@@ -1,9 +1,9 @@
 """A stopwatch or a light gate gives a natural frequency with its standard uncertainty, and so an axis inertia."""
 
 import math
-from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,12 +16,12 @@ from cfid.recordings.periods import PERIODS, PeriodRecord, axis_record, periods_
 from cfid.recordings.read import read_recording
 from cfid.records.parameters import Source
 from cfid.records.rig_file import load_rig, new_rig_text
-from cfid.records.run import DeviceRecord, Label
-from cfid.records.run_writer import create_run
+from cfid.records.run import Label
 from cfid.sim.plants import HandRelease, Pendulum, swing
 from cfid.swing.body import KnownInertia
 from cfid.swing.pendulum import NO_THREADS, Threads
 from cfid.swing.periods import period_ratio, timed_frequency
+from tests.recordings.made import made_run
 
 Array = npt.NDArray[np.float64]
 
@@ -30,9 +30,7 @@ INERTIA = "swing.axis_inertia_kg_m2"
 W = 60.0
 
 
-def record(
-    duration_s: Array, *, periods: float = 10.0, amplitude_rad: Array | None = None, std_s: float | None = None
-) -> PeriodRecord:
+def record(duration_s: Array, *, periods: float = 10.0, std_s: float | None = None, **more: Any) -> PeriodRecord:
     return PeriodRecord(
         path=Path("periods.csv"),
         source=Source("periods.csv", "0" * 64),
@@ -40,7 +38,7 @@ def record(
         periods=np.full(len(duration_s), periods),
         duration_s=duration_s,
         std_s=None if std_s is None else np.full(len(duration_s), std_s),
-        amplitude_rad=amplitude_rad,
+        **more,
     )
 
 
@@ -55,7 +53,7 @@ def plant_crossings(release_rad: float) -> tuple[Array, Array]:
     return crossings, np.array(amplitudes)
 
 
-@pytest.mark.parametrize("release_deg", [5.0, 30.0, 80.0])
+@pytest.mark.parametrize("release_deg", [5.0, 80.0])
 def test_a_plant_s_periods_at_their_amplitudes_give_its_frequency(release_deg: float) -> None:
     crossings, amplitude = plant_crossings(math.radians(release_deg))
     found = timed_frequency(record(np.diff(crossings), periods=1.0, amplitude_rad=amplitude, std_s=1e-4))
@@ -145,30 +143,20 @@ def test_a_run_of_periods_gives_the_inertia_of_its_axis_alone_and_among_others(t
     (tmp_path / "rig.toml").write_text(new_rig_text())
     rig = load_rig(tmp_path / "rig.toml")
     timed = record(np.array([5.6, 5.62, 5.61]), amplitude_rad=np.radians([15.0, 14.0, 15.0]), std_s=0.02)
-    columns = timed.columns
-    with create_run(
-        tmp_path / "runs",
-        kind="swing",
-        label=Label(axis="x"),
-        devices={PERIODS: DeviceRecord(file="periods.csv", columns=tuple(columns))},
-        started=datetime(2026, 11, 28, tzinfo=UTC),
-        cfid_version="0",
-    ) as writer:
-        writer.append(PERIODS, tuple(columns.values()))
-        writer.close("complete")
+    run = made_run(tmp_path, "swing", {PERIODS: timed.columns}, label=Label(axis="x"))
 
-    read = axis_record(writer.folder)
+    read = axis_record(run.folder)
     assert isinstance(read, PeriodRecord)
     assert read.duration_s == pytest.approx(timed.duration_s)
     assert read.amplitude_rad == pytest.approx(timed.amplitude_rad)
-    result = cfid.swing.fit(writer.folder, rig=rig)
+    result = cfid.swing.fit(run.folder, rig=rig)
     assert set(result.quantities) == {FREQUENCY, INERTIA}
     assert result.quantities[FREQUENCY].value == pytest.approx(
         (2 * math.pi / 0.561) ** 2 * period_ratio([math.radians(14.7)], NO_THREADS, W)[0] ** 2, rel=1e-3
     )
     inertia = result.quantities[INERTIA]
     others = [KnownInertia(axis, 4e-5, 1e-6) for axis in ("y", "z", "xy", "xz", "yz")]
-    together = cfid.inertia.fit([writer.folder, *others], rig=rig)
+    together = cfid.inertia.fit([run.folder, *others], rig=rig)
     assert together.quantities["inertia.axis_kg_m2.x"].value == pytest.approx(inertia.value, rel=1e-6)
 
 
