@@ -13,14 +13,15 @@ import pytest
 from cfid.errors import ConfigError, DataError, FitError
 from cfid.findings import texts
 from cfid.loadcell import fit
+from cfid.loadcell.estimation import AxisFit, Loads, applied_wrench, fit_axes, place_error
 from cfid.loadcell.result import rig_keys
 from cfid.recordings.read import read_recording
 from cfid.recordings.wrench import wrench_of
 from cfid.records.rig_file import LoadCellMount, RigFacts, Scales, change_rig, load_rig, new_rig_text
-from cfid.records.run import DeviceRecord, Label, Run, read_run
-from cfid.records.run_writer import create_run
+from cfid.records.run import Label, Pull, Run
 from tests.campaigns import Cfid
 from tests.few_axes import with_axes
+from tests.recordings.made import made_run
 
 Array = npt.NDArray[np.float64]
 
@@ -29,6 +30,7 @@ NOISE_N, NOISE_NM = 0.002, 2e-5  # standard deviations of one sample
 COUNTS_PER_N, COUNTS_PER_NM = 1e6, 1e9
 RATE_HZ, SAMPLES = 500.0, 500
 AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
+SHOWN = tuple(axis.capitalize() for axis in AXES)
 WAYS = {"z": (0, 0, 1), "-z": (0, 0, -1), "x": (1, 0, 0), "-x": (-1, 0, 0), "y": (0, 1, 0), "-y": (0, -1, 0)}
 ARMS_MM = [(0.0, 0.0, 10.0), (46.0, 0.0, 10.0), (-46.0, 0.0, 10.0), (0.0, 46.0, 10.0), (0.0, -46.0, 10.0)]
 UPRIGHT = [("-z", 0.0, ARMS_MM[0]), *(("-z", grams, at) for grams in (20.0, 50.0, 100.0) for at in ARMS_MM)]
@@ -83,29 +85,22 @@ def record(
         noise = rng.normal(0, 1, (SAMPLES, 6)) * ([NOISE_N] * 3 + [NOISE_NM] * 3)
         wrench = zeros[pull] + cell.shows(force, at) + noise
         counts = np.rint(wrench * np.repeat([COUNTS_PER_N, COUNTS_PER_NM], 3)).astype(int)
-        with create_run(
-            folder,
-            kind="loadcell",
-            label=Label(
-                pull=pull,
-                weight_g=grams or None,
-                weight_std_g=weight_std_g if grams else None,
-                at_mm=at_mm if grams else None,
-            ),
-            devices={
-                "loadcell": DeviceRecord(
-                    file="loadcell.csv",
-                    columns=("t", *(axis.capitalize() for axis in AXES)),
-                    counts_per_n=COUNTS_PER_N,
-                    counts_per_nm=COUNTS_PER_NM,
-                )
-            },
-            started=datetime(2026, 11, 21, 8, 0, number, tzinfo=UTC),
-            cfid_version="0",
-            facts=facts or RigFacts(scales=Scales(linearity_std=0.001)),
-        ) as writer:
-            writer.append("loadcell", (1.7e9 + np.arange(len(counts)) / RATE_HZ, *counts.T))
-        runs.append(read_run(writer.folder))
+        runs.append(
+            made_run(
+                folder,
+                "loadcell",
+                {"loadcell": {"t": 1.7e9 + np.arange(SAMPLES) / RATE_HZ, **dict(zip(SHOWN, counts.T, strict=True))}},
+                label=Label(
+                    pull=pull,
+                    weight_g=grams or None,
+                    weight_std_g=weight_std_g if grams else None,
+                    at_mm=at_mm if grams else None,
+                ),
+                scales={"loadcell": {"counts_per_n": COUNTS_PER_N, "counts_per_nm": COUNTS_PER_NM}},
+                started=datetime(2026, 11, 21, 8, 0, number, tzinfo=UTC),
+                facts=facts or RigFacts(scales=Scales(linearity_std=0.001)),
+            )
+        )
     return runs
 
 
@@ -145,17 +140,6 @@ def test_an_upright_cell_shows_no_gain_of_what_was_not_loaded(tmp_path: Path) ->
         f"loadcell.gain.{axis}" for axis in ("fz", "tx", "ty")
     }
     assert "loadcell-axes-missing" in {one.code for one in result.findings}
-
-
-def test_a_cell_of_one_axis_shows_its_gain_and_names_the_others(tmp_path: Path) -> None:
-    cell = cell_of(np.random.default_rng(6))
-    runs = [with_axes(run, "Fz") for run in record(tmp_path, cell, UPRIGHT)]
-    result = fit(runs, gravity_mps2=GRAVITY)
-
-    one = result.quantities["loadcell.gain.fz"]
-    assert {key for key in result.quantities if ".gain." in key} == {"loadcell.gain.fz"}
-    assert abs(one.value - cell.matrix[2, 2]) < 3 * one.std
-    assert "Fx, Fy, Tx, Ty, Tz" in " ".join(texts(result.findings, "note"))
 
 
 def test_weights_at_one_place_do_not_separate_force_from_torque(tmp_path: Path) -> None:
@@ -221,7 +205,7 @@ def test_a_weight_that_hangs_25_times_leaves_the_gain_as_uncertain_as_itself(cfi
     """The weight of 100 g is known to 1 %, and is 1 % heavier than stated."""
     (tmp_path / "rig.toml").write_text(new_rig_text())
     loads = [("-z", grams, ARMS_MM[0]) for grams in (0.0, *[100.0] * 25, 0.0)]
-    record(tmp_path / "runs", Cell(np.eye(6)), loads, weights_off=0.01, weight_std_g=1.0)
+    record(tmp_path, Cell(np.eye(6)), loads, weights_off=0.01, weight_std_g=1.0)
 
     gain = json.loads(cfid("fit", "loadcell", "--json").stdout)["parameters"]["loadcell.gain.fz"]
     assert gain["value"] == pytest.approx(1.01, abs=2e-4)
@@ -231,7 +215,7 @@ def test_a_weight_that_hangs_25_times_leaves_the_gain_as_uncertain_as_itself(cfi
 @pytest.mark.parametrize("stated_in_the_rig", [True, False])
 def test_the_uncertainty_of_gravity_is_that_of_every_gain(cfid: Cfid, tmp_path: Path, stated_in_the_rig: bool) -> None:
     (tmp_path / "rig.toml").write_text(new_rig_text())
-    record(tmp_path / "runs", Cell(np.eye(6)), UPRIGHT)
+    record(tmp_path, Cell(np.eye(6)), UPRIGHT)
     words = () if stated_in_the_rig else ("--gravity-mps2", "9.81:0.05")
     if stated_in_the_rig:
         change_rig(tmp_path, "site", {"gravity_mps2": 9.81, "gravity_std_mps2": 0.05})
@@ -256,7 +240,7 @@ def test_what_is_stored_changes_rig_toml_and_later_runs_are_divided_by_it(tmp_pa
     (tmp_path / "rig.toml").write_text(new_rig_text())
     matrix = np.eye(6)
     matrix[2, 2], matrix[5, 2] = 1.03, 2e-4
-    result = fit(record(tmp_path / "runs", Cell(matrix), UPRIGHT), gravity_mps2=GRAVITY)
+    result = fit(record(tmp_path, Cell(matrix), UPRIGHT), gravity_mps2=GRAVITY)
     cell = load_rig(tmp_path / "rig.toml").loadcell
     change_rig(tmp_path, "loadcell", rig_keys(result, gain=cell.gain, gain_std=cell.gain_std))
 
@@ -282,14 +266,6 @@ def test_what_is_stored_changes_rig_toml_and_later_runs_are_divided_by_it(tmp_pa
     )
 
 
-def test_a_second_calibration_does_not_build_upon_the_first(tmp_path: Path) -> None:
-    facts = RigFacts(loadcell=LoadCellMount(gain=(1.0, 1.0, 1.03, 1.0, 1.0, 1.0)))
-    result = fit(record(tmp_path, Cell(np.diag([1, 1, 1.03, 1, 1, 1])), UPRIGHT, facts=facts), gravity_mps2=GRAVITY)
-
-    assert result.quantities["loadcell.gain.fz"].value == pytest.approx(1.03, abs=0.005)
-    assert "scale-taken-as-exact" in {one.code for one in result.findings}
-
-
 @pytest.mark.parametrize("campaigns", [12, pytest.param(120, marks=pytest.mark.slow)])
 def test_intervals_hold_the_truth_of_cells_with_cross_talk_bends_and_misplaced_weights(
     tmp_path: Path, campaigns: int
@@ -311,3 +287,57 @@ def test_intervals_hold_the_truth_of_cells_with_cross_talk_bends_and_misplaced_w
     lowest, highest = (0.88, 1.0) if few else (0.93, 0.975)
     assert lowest <= held / total <= highest, f"{held} of {total}"
     assert math.isfinite(held / total)
+
+
+AT_M, AT_STD_M = np.array([0.046, -0.02, 0.01]), 1e-3
+SIZES_N = np.array([0.0, 0.2, 0.4, 0.6, 0.8, 1.0])
+
+
+@pytest.mark.parametrize("pull", ["x", "-y", "-z"])
+def test_an_uncertain_place_makes_the_torques_uncertain_as_draws_of_it_scatter(pull: Pull) -> None:
+    rng = np.random.default_rng(4)
+    drawn = [applied_wrench(weight_n=0.981, pull=pull, at_m=AT_M + rng.normal(0, AT_STD_M, 3)) for _ in range(4000)]
+    stated = place_error(load=applied_wrench(weight_n=0.981, pull=pull, at_m=AT_M), std_m=AT_STD_M)
+
+    assert stated == pytest.approx(np.std(drawn, axis=0), rel=0.05, abs=1e-12)
+
+
+def fz_of(reading_n: np.ndarray[tuple[int, ...], np.dtype[np.float64]], std_n: float) -> AxisFit:
+    """Return the fit of Fz to readings (n,) under pulls along z."""
+    load, reading = np.zeros((len(SIZES_N), 6)), np.zeros((len(SIZES_N), 6))
+    load[:, 2], reading[:, 2] = SIZES_N, reading_n
+    std, exact = np.full_like(load, std_n), np.zeros((len(load), len(load)))
+    orientation = np.zeros(len(load), dtype=np.intp)
+    return fit_axes(Loads(load=load, reading=reading, std=std, of_weights=exact, orientation=orientation))["fz"]
+
+
+def test_gain_and_linearity_scatter_and_covary_as_stated() -> None:
+    rng = np.random.default_rng(5)
+    gain, linearity, noise_n = 1.0, 0.5, 2e-3
+    true_n = 0.3 + gain * (SIZES_N + linearity * SIZES_N**2)
+    found = [fz_of(true_n + rng.normal(0, noise_n, len(SIZES_N)), noise_n) for _ in range(2000)]
+    exact = fz_of(true_n, noise_n)
+
+    assert exact.values == pytest.approx([gain, linearity])
+    spread = np.cov([one.values for one in found], rowvar=False)
+    assert np.sqrt(np.diag(exact.covariance)) == pytest.approx(np.sqrt(np.diag(spread)), rel=0.06)
+    assert exact.covariance[0, 1] == pytest.approx(spread[0, 1], rel=0.1)
+
+
+def test_a_cell_of_one_axis_shows_its_gain_and_names_the_others(tmp_path: Path) -> None:
+    cell = cell_of(np.random.default_rng(6))
+    runs = [with_axes(run, "Fz") for run in record(tmp_path, cell, UPRIGHT)]
+    result = fit(runs, gravity_mps2=GRAVITY)
+
+    one = result.quantities["loadcell.gain.fz"]
+    assert {key for key in result.quantities if ".gain." in key} == {"loadcell.gain.fz"}
+    assert abs(one.value - cell.matrix[2, 2]) < 3 * one.std
+    assert "Fx, Fy, Tx, Ty, Tz" in " ".join(texts(result.findings, "note"))
+
+
+def test_a_second_calibration_does_not_build_upon_the_first(tmp_path: Path) -> None:
+    facts = RigFacts(loadcell=LoadCellMount(gain=(1.0, 1.0, 1.03, 1.0, 1.0, 1.0)))
+    result = fit(record(tmp_path, Cell(np.diag([1, 1, 1.03, 1, 1, 1])), UPRIGHT, facts=facts), gravity_mps2=GRAVITY)
+
+    assert result.quantities["loadcell.gain.fz"].value == pytest.approx(1.03, abs=0.005)
+    assert "scale-taken-as-exact" in {one.code for one in result.findings}

@@ -13,9 +13,9 @@ import pytest
 from cfid.cli.main import main
 from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import LoadCellMount, RigFacts
-from cfid.records.run import DeviceRecord, Label, Run
-from cfid.records.run_writer import create_run
+from cfid.records.run import Run
 from tests.offline.sine_bench import Bench, LinearTruth, SimulatedSine, simulate_sines
+from tests.recordings.made import made_run
 
 GAIN_N, LAG_S = 2.3828e-6, 0.0775  # near eq. 3.15
 TRUTH = LinearTruth(static_gain_n=GAIN_N, time_constant_s=LAG_S, vibration_n=0.02)
@@ -111,26 +111,23 @@ def write_crossings(path: Path, run: SimulatedSine, *, stamped: bool = True) -> 
 
 def write_run(folder: Path, run: SimulatedSine, *, series: str | None = None, facts: RigFacts = THESIS_MOUNT) -> Run:
     """Write a run folder in the form of `cfid log sine`."""
-    cell = DeviceRecord(file="loadcell.csv", columns=(*CELL, "status"))
-    cell = cell.model_copy(update={"counts_per_n": 1e6, "counts_per_nm": 1e6})
     requested = {"l": run.periods, "n": run.samples, "amplitude": run.amplitude, "motor": run.motor}
-    writer = create_run(
-        folder / "runs",
-        kind=f"sine_l{run.periods}",
-        label=Label(),
-        devices={
-            "crossings": DeviceRecord(
-                file="crossings.csv", columns=("t", "thrust_rec", "sample", "vehicle_us", "report")
-            ),
-            "loadcell": cell,
+    crossings = {
+        "thrust_rec": run.report_command,
+        "sample": run.report_sample,
+        "vehicle_us": run.report_vehicle_us,
+        "report": np.arange(len(run.report_host_s)),
+    }
+    counts = {**dict(zip(CELL[1:], run.counts.T, strict=True)), "status": 0 * run.time_s}
+    return made_run(
+        folder,
+        f"sine_l{run.periods}",
+        {
+            "crossings": {"t": run.report_host_s, **{name: one.astype(np.int64) for name, one in crossings.items()}},
+            "loadcell": {"t": run.time_s, **{name: one.astype(np.int64) for name, one in counts.items()}},
         },
+        scales={"loadcell": {"counts_per_n": 1e6, "counts_per_nm": 1e6}},
         started=datetime.fromtimestamp(run.time_s[0], UTC),
-        cfid_version="0",
         facts=facts,
         requested=requested if series is None else {**requested, "series": series},
     )
-    columns = (run.report_command, run.report_sample, run.report_vehicle_us, np.arange(len(run.report_host_s)))
-    writer.append("crossings", (run.report_host_s, *(column.astype(np.int64) for column in columns)))
-    counts = run.counts.astype(np.int64)
-    writer.append("loadcell", (run.time_s, *counts.T, np.zeros(len(counts), np.int64)))
-    return writer.close("complete")

@@ -12,7 +12,6 @@ from cfid.transfer.frequency_response import Response, respond
 from tests.offline.sine_bench import Bench, simulate_sines
 from tests.transfer.sine_recordings import GAIN_N, LAG_S, STILL, exact, noiseless_bench, recorded, simulated
 
-PERIODS = (2, 5, 12, 35, 100)
 B0, A1 = 6.0705967e-8, 0.9745210
 
 
@@ -24,12 +23,6 @@ def truth_at(response: Response) -> complex:
     """Return the response of the thesis' plant behind a hold, of the force at any instant."""
     laplace, half = 1j * response.frequency_rad_s, response.frequency_rad_s * response.sample_s / 2
     return complex(GAIN_N / (1 + laplace * LAG_S) * np.sinc(half / np.pi) * np.exp(-1j * half))
-
-
-def test_of_the_force_itself_it_is_the_held_plant_s_response() -> None:
-    runs = simulated((2, 5, 12, 31), samples=4000, truth=STILL, bench=noiseless_bench(7000))
-    for response in map(respond, align(recorded(runs)).runs):
-        assert response.value == pytest.approx(truth_at(response), rel=1e-5)
 
 
 def test_a_drift_changes_nothing() -> None:

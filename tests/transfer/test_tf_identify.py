@@ -75,19 +75,6 @@ def test_an_index_of_two_series_gives_one_function_and_one_for_each(tf: Here, bo
     assert {Path(source["path"]).name for source in content["sources"]} >= {"index.csv", "cellfirst_0.csv"}
 
 
-def test_files_of_the_thesis_kind_need_no_stamps_of_the_vehicle(
-    tf: Here, tmp_path: Path, first: list[SimulatedSine]
-) -> None:
-    index = write_index(tmp_path, {"": first}, stamped=False)
-    content = found(tf, "--index", index)
-    parameters = content["parameters"]
-
-    assert parameters["tf.time_constant_s"]["value"] == pytest.approx(LAG_S, rel=0.03)
-    assert parameters["tf.static_gain_n"]["value"] == pytest.approx(GAIN_N, rel=0.01)
-    assert not any(key.startswith("tf.series.") for key in parameters)  # a single series is stated once
-    assert any("crossings carry no time of the vehicle" in warning for warning in sentences(content))
-
-
 def test_the_sign_that_is_given_is_kept_and_a_gain_below_zero_is_reported(
     tf: Here, tmp_path: Path, first: list[SimulatedSine]
 ) -> None:
@@ -140,7 +127,6 @@ def test_a_run_keeps_the_yaw_and_arm_it_was_recorded_with_whatever_rig_toml_says
 @pytest.mark.parametrize(
     ("stated", "given", "channel", "lacks"),
     [
-        (LoadCellMount(), (), "arm", "--arm-mm"),
         (LoadCellMount(arm_mm=46.0), (), "arm", "--yaw-deg"),
         (LoadCellMount(), (), "Ty", "--arm-mm"),
         (LoadCellMount(), ("--arm-mm", 46, "--yaw-deg", -45), "arm", None),
@@ -193,18 +179,6 @@ def test_the_static_gain_is_checked_against_the_thrust_map(
         assert any("off the thrust map's slope" in warning for warning in sentences(content)) == warned
 
 
-def test_the_thesis_method_gives_its_own_numbers_without_uncertainties(tf: Here, both: Path) -> None:
-    content = found(tf, "--index", both, "--method", "thesis")
-    parameters = content["parameters"]
-
-    assert len(parameters["tf.numerator"]["value"]) == 1
-    assert parameters["tf.numerator"]["std"] is None
-    assert parameters["tf.delay_s"]["value"] == 0
-    assert set(content["quality"]["series"]) == {"first", "second"}
-    default = found(tf, "--index", both)["quality"]["thesis"]
-    assert default["numerator"] == parameters["tf.numerator"]["value"]
-
-
 def test_the_numbers_of_c_2_5_are_options(tf: Here, both: Path) -> None:
     thesis = ("--index", both, "--method", "thesis")
     presets = [
@@ -215,6 +189,8 @@ def test_the_numbers_of_c_2_5_are_options(tf: Here, both: Path) -> None:
     more = found(tf, *thesis, "--a", 3, "--b", 2, "--force")["parameters"]
 
     assert by_hand == presets[1] != presets[0]
+    assert more["tf.numerator"]["std"] is None
+    assert more["tf.delay_s"]["value"] == 0
     assert len(more["tf.numerator"]["value"]) == 2
     assert len(more["tf.denominator"]["value"]) == 3
 

@@ -9,10 +9,8 @@ from matplotlib.figure import Figure
 
 from cfid.transfer.alignment import RecordedSine, SineSeries, align
 from cfid.transfer.estimation import MeasuredSeries, TransferFit, fit_transfer, measure
-from cfid.transfer.figures import bode_figure, sine_run_figure, step_figure, verification_figure
-from cfid.transfer.plan import SAMPLE_S
+from cfid.transfer.figures import bode_figure, sine_run_figure, step_figure
 from cfid.transfer.thesis import ThesisFit, fit_thesis
-from cfid.transfer.verification import verify_run
 from tests.transfer.sine_recordings import GAIN_N, LAG_S, recorded, simulated
 
 Look = Callable[[Figure], Any]
@@ -87,31 +85,10 @@ def test_a_step_ends_at_the_static_gain_with_its_interval(
     assert not page.overlapping()
 
 
-def test_a_run_is_shown_with_its_reports_late_and_its_line_in_both_spectra(
-    look: Look, series: SineSeries, runs: list[RecordedSine]
-) -> None:
+def test_a_run_is_shown_with_its_line_in_both_spectra(look: Look, series: SineSeries, runs: list[RecordedSine]) -> None:
     page = look(sine_run_figure(series.runs[2], runs[2].reports, settle_s=1.0))
-    reports = next(line for line in page.panel("(a)").get_lines() if line.get_marker() == "o")
 
-    sample = runs[2].reports.sample
-    assert sample is not None
-    assert len(reports.get_xdata()) == 2 * 12 + 2
-    assert np.mean(reports.get_xdata()) > np.mean(sample) * SAMPLE_S
     for panel, height in (("(c)", 20000), ("(d)", 20000 * GAIN_N / np.hypot(1, 2 * np.pi * 1.5 * LAG_S))):
         tops = [segment[1][1] for segment in page.panel(panel).collections[0].get_segments()]
         assert max(tops) == pytest.approx(height, rel=0.02)
     assert not page.overlapping()
-
-
-def test_a_verification_shows_what_is_left_and_its_verdict(look: Look, series: SineSeries, fit: TransferFit) -> None:
-    run = series.runs[2]
-    good = verify_run(run, fit.function, after_quickest_s=fit.delays["first"].after_quickest_s)
-    bad = verify_run(run, fit.function, after_quickest_s=0.15)
-    page, other = (look(verification_figure(run, found)) for found in (good, bad))
-
-    left = page.panel("(c)").get_lines()[0]
-    np.testing.assert_allclose(left.get_ydata(), good.residual_n)
-    assert page.red() == ""
-    assert "does not describe this run" in other.red()
-    assert not page.overlapping()
-    assert not other.overlapping()

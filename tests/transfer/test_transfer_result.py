@@ -6,13 +6,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import cfid
 from cfid import transfer
-from cfid.errors import FitError
+from cfid.errors import DataError, FitError
+from cfid.records.files import RIG_FILE
+from cfid.records.rig_file import new_rig_text
 from cfid.records.run import Run
+from cfid.transfer.alignment import align
+from cfid.transfer.data import read_sines
 from cfid.transfer.estimation import identify
 from cfid.transfer.model import TransferFunction
+from cfid.transfer.record import verdict
+from cfid.transfer.result import fit
+from cfid.transfer.verification import verify_run
+from tests.few_axes import with_axes
 from tests.offline.sine_bench import SimulatedSine
-from tests.transfer.sine_recordings import exact
+from tests.transfer.sine_recordings import GAIN_N as PLANT_GAIN_N
+from tests.transfer.sine_recordings import LAG_S as PLANT_LAG_S
+from tests.transfer.sine_recordings import exact, recorded
+from tests.transfer.sine_recordings import simulated as sine_simulated
 from tests.transfer.sines_in_a_folder import GAIN_N, LAG_S, sines, write_run
 
 B0, A1 = 6.0705967e-8, 0.9745210
@@ -29,34 +41,12 @@ def runs(tmp_path_factory: pytest.TempPathFactory, simulated: list[SimulatedSine
     return [write_run(folder, run, series="bench") for run in simulated]
 
 
-def test_runs_give_a_transfer_function_and_folders_the_same(runs: list[Run]) -> None:
-    result = transfer.fit(runs)
-    lag, gain = (result.quantities[f"tf.{name}"] for name in ("time_constant_s", "static_gain_n"))
-
-    assert result.accepted
-    assert abs(lag.value - LAG_S) < 3 * lag.std < 0.075 * LAG_S
-    assert abs(gain.value - GAIN_N) < 3 * gain.std < 0.075 * GAIN_N
-    assert transfer.fit([run.folder for run in runs]).quantities["tf.time_constant_s"] == lag
-    assert set(result.figures()) == {"tf_bode", "tf_step", "tf_run_bench"}
-
-
 def test_the_covariance_of_the_numbers_has_their_uncertainties_on_its_diagonal(runs: list[Run]) -> None:
     result = transfer.fit(runs)
     (covariance,) = result.covariances
     stated = [std for key in covariance.of for std in np.atleast_1d(result.quantities[key].std).tolist()]
 
     assert np.sqrt(np.diag(covariance.matrix)) == pytest.approx(stated)
-
-
-def test_a_result_is_verified_against_a_run_that_was_left_out(runs: list[Run]) -> None:
-    *used, left_out = [runs[0], runs[1], runs[3], runs[4], runs[2]]
-    verified = transfer.verify([left_out], transfer.fit(used))
-    again = transfer.verify(used[:1], transfer.fit(used))
-
-    assert verified.accepted
-    assert verified.quantities[f"tf.verify.{left_out.folder.name}.gain_ratio"].value == pytest.approx(1, abs=0.05)
-    assert "verification-reuses-run" not in {one.code for one in verified.findings}
-    assert "verification-reuses-run" in {one.code for one in again.findings}
 
 
 def test_a_run_that_differs_from_the_simulation_takes_away_its_own_quantities(
@@ -90,3 +80,50 @@ def test_a_series_that_is_too_short_for_itself_leaves_the_joint_function() -> No
     assert set(found.each) == {"first"}
     (finding,) = [one for one in found.findings if one.code == "series-not-fitted"]
     assert finding.quantities == ("tf.series.second.*",)
+
+
+PERIODS = (2, 10, 40)
+
+
+@pytest.fixture
+def campaign(tmp_path: Path) -> Path:
+    (tmp_path / RIG_FILE).write_text(new_rig_text())
+    for run in sines(PERIODS):
+        write_run(tmp_path, run)
+    return tmp_path
+
+
+def test_sines_are_runs_of_one_kind_and_each_has_its_own(campaign: Path) -> None:
+    opened = cfid.open_campaign(campaign)
+
+    assert [run.header.requested["l"] for run in opened.runs(kind="sine")] == list(PERIODS)
+    assert [run.header.requested["l"] for run in opened.runs(kind="sine_l10")] == [10]
+    assert opened.run("last sine").header.requested["l"] == 40
+    assert opened.runs(kind="sin") == []
+
+
+def test_sines_of_one_axis_are_read_by_its_channel_and_refused_by_another(campaign: Path) -> None:
+    runs = [with_axes(run, "Fz") for run in cfid.open_campaign(campaign).runs(kind="sine")]
+
+    assert "times the noise there" in verdict(runs[0])
+    assert len(read_sines(runs, channel="Fz").runs) == len(PERIODS)
+    with pytest.raises(DataError, match="measured Fz alone, and thrust by the channel arm needs Tx, Ty"):
+        read_sines(runs)
+
+
+def test_a_fit_of_sines_keeps_the_arm_by_which_torques_became_thrust(campaign: Path) -> None:
+    runs = cfid.open_campaign(campaign).runs(kind="sine")
+
+    assert fit(runs).facts == {"loadcell.arm_mm": 46.0}
+    assert fit(read_sines(runs, arm_m=0.04)).facts == {"loadcell.arm_mm": 40.0}
+
+
+def test_a_delay_left_out_is_the_shift_that_figure_3_16_shows_and_a_short_run_is_refused() -> None:
+    run = align(recorded(sine_simulated((3, 25, 9)))).runs[1]
+    held = TransferFunction.of_lags(PLANT_GAIN_N, [PLANT_LAG_S])
+    found = verify_run(run, held, after_quickest_s=0.0)
+
+    assert found.late_s == pytest.approx(0.0006 - 0.012, abs=3e-3)
+    assert found.fit_percent < 85
+    with pytest.raises(DataError, match="too short"):
+        verify_run(run, held, after_quickest_s=0.0, settle_s=7.9)

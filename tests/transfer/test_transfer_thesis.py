@@ -42,15 +42,6 @@ def test_clean_data_give_the_coefficients_where_every_l_divides_n(
     assert not fit.findings
 
 
-@pytest.mark.parametrize(("b0", "a1"), EQUATIONS)
-@pytest.mark.parametrize("cut", [True, False])
-def test_leakage_costs_half_a_thousandth_where_they_do_not(b0: float, a1: float, cut: bool) -> None:
-    fit = fit_thesis(exact(b0, a1, periods=FIRST_PERIODS, samples=4000, cut=cut))
-
-    assert fit.function.numerator == pytest.approx([b0], rel=5e-4)
-    assert fit.function.denominator == pytest.approx([1, -a1], rel=5e-4)
-
-
 @pytest.mark.parametrize(("periods", "taken"), [(1, 3500), (2, 2000), (12, 3330), (64, 3465), (100, 3480)])
 def test_whole_periods_are_transformed_each_rounded_to_samples(periods: int, taken: int) -> None:
     response = thesis_response(exact(*EQUATIONS[0], periods=[periods], samples=4000)[0])
