@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from cfid.drag.comparison import DragModels, fit_models
 from cfid.drag.figures import coefficients_figure, drag_figures, forces_figure, models_figure
 from tests.drag.thesis_campaign import SIMPLE_AIR, exact, measured
-from tests.drag.wind_tunnel import Wind
 
 Look = Callable[[Figure], Any]
 
@@ -44,17 +43,6 @@ def test_each_component_has_a_panel_for_each_angle_and_a_line_for_each_wind(foun
     assert not look(page).overlapping()
 
 
-def test_coefficients_of_x_and_y_leave_out_the_wind_from_above(found: DragModels, look: Look) -> None:
-    page = coefficients_figure(found)
-    lateral, vertical = panels(page)
-
-    assert [int(np.isfinite(line.get_ydata()).any()) for line in curves(lateral)] == [0] * 5 + [1] * 10
-    assert len(curves(vertical)) == 15
-    across = [np.asarray(line.get_ydata()) for line in vertical.get_lines() if line not in curves(vertical)]
-    assert [line[0] for line in across] == [found.fits["simple"].value[2]]
-    assert not look(page).overlapping()
-
-
 def test_the_model_is_drawn_as_lines_through_the_measured_forces_and_squared_errors_are_listed(
     found: DragModels, look: Look
 ) -> None:
@@ -77,16 +65,6 @@ def test_a_rejection_of_the_chosen_model_is_written_in_red(look: Look) -> None:
     page = models_figure(found)
 
     assert any(text.get_text().startswith("Rejected: along x and y") for text in page.texts)
-    assert not look(page).overlapping()
-
-
-def test_many_angles_are_drawn_by_some_of_them(look: Look) -> None:
-    winds = [Wind(angle, 2.9, 3.1) for angle in (0, 15, 30, 45, 60, 75)]
-    found = fit_models(measured(SIMPLE_AIR, np.random.default_rng(3), winds))
-    page = forces_figure(found.experiments)
-
-    assert len(panels(page)) == 9
-    assert any("is fitted, not drawn." in text.get_text() for text in page.texts)
     assert not look(page).overlapping()
 
 

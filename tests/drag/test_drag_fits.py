@@ -19,10 +19,10 @@ from cfid.drag.comparison import Method
 from cfid.drag.data import WindReading
 from cfid.drag.model import COMPLEX, CROSS, SIMPLE, DragExperiments, DragModel
 from cfid.drag.thesis import Grouping
-from cfid.errors import DataError, FitError
+from cfid.errors import DataError
 from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import RigFacts, WindStand, new_rig_text
-from tests.drag.thesis_campaign import COMPLEX_AIR, EQ_4_9, EQ_4_11, NAMES, SIMPLE_AIR, WORLDS, exact, measured
+from tests.drag.thesis_campaign import COMPLEX_AIR, EQ_4_11, NAMES, SIMPLE_AIR, WORLDS, exact
 from tests.drag.wind_in_a_folder import (
     DRIVEN,
     EQ_4_8,
@@ -43,7 +43,7 @@ Array = npt.NDArray[np.float64]
 
 TABLE = "command,angle_deg,vx_mps,vy_mps,vz_mps,speed_sum_rad_s,fx_n,fy_n,fz_n"
 ON_THE_THESIS_RIG = ("--geometry", "thesis")
-GROUPS = [("each", 90), ("lateral", 90), ("command", 12), ("wind", 10), ("angle", 2)]
+GROUPS = [("each", 90), ("lateral", 90), ("command", 12)]
 
 
 @pytest.fixture(scope="module")
@@ -110,18 +110,6 @@ def test_forces_of_a_table_give_the_printed_coefficients_back_to_six_digits(
     assert result.accepted
 
 
-def test_normalised_coefficients_are_those_of_equation_4_10_and_the_square_that_was_meant_stands_beside() -> None:
-    result = drag.fit(exact(COMPLEX_AIR))
-    values = [result.quantities[f"drag.complex.normalised.k{i}"].value for i in range(1, 7)]
-
-    assert values[0][0] == pytest.approx(-5.2370e-7, rel=1e-4)
-    assert values[2][2] == pytest.approx(-4.8768e-11, rel=1e-4)
-    assert values[5][2] == pytest.approx(1.0656e-7, rel=1e-4)
-    squared = np.array(result.quality["normalised_squared"])
-    weight = 5992.7**2 / (5992.7**2 + 5992.7 * (2.85 + 1) + 2.85**2 + 2.85 + 1)
-    assert squared[2] / EQ_4_9[2] == pytest.approx(weight, rel=1e-4)
-
-
 @pytest.mark.parametrize(("grouping", "count"), GROUPS)
 def test_the_thesis_method_groups_as_c_3_1_and_its_means_are_exact(grouping: Grouping, count: int) -> None:
     found = drag.fit(exact(SIMPLE_AIR), method="thesis", grouping=grouping).quantities
@@ -133,17 +121,6 @@ def test_the_thesis_method_groups_as_c_3_1_and_its_means_are_exact(grouping: Gro
     from_the_side = np.isfinite(values)
     assert from_the_side.sum() == min(count, 60)  # wind from above does not determine x and y
     assert values[from_the_side] == pytest.approx(EQ_4_8[0])
-
-
-def test_intercepts_and_the_bodys_own_drag_are_reported_and_the_complex_model_takes_no_intercepts() -> None:
-    found = drag.fit(exact(SIMPLE_AIR), intercepts=True).quantities
-    body = drag.fit(exact(SIMPLE_AIR), parasitic=True).quantities["drag.parasitic_kg_per_m.simple"]
-
-    assert found["drag.simple_kg_per_rad"].value == pytest.approx(EQ_4_8, rel=1e-6)
-    assert len(found["drag.intercepts_n.simple"].value) == 15
-    assert "drag.intercepts_n.complex" not in found
-    assert body.value == pytest.approx([0, 0, 0], abs=1e-9)
-    assert body.unit == "kg/m"
 
 
 def test_kappa_4_is_unresolved_from_one_azimuth_and_resolved_from_two(tmp_path: Path) -> None:
@@ -180,18 +157,6 @@ def test_a_model_that_is_not_determined_is_rejected_without_the_others() -> None
     assert "of 12 unknowns of the complex model" in finding.text
 
 
-def test_quantities_have_covariances_that_agree_with_their_uncertainties() -> None:
-    result = drag.fit(measured(SIMPLE_AIR, np.random.default_rng(3)))
-
-    assert [one.of for one in result.covariances] == [
-        ("drag.simple_kg_per_rad",),
-        ("drag.cross_coupling_kg_per_rad",),
-    ]
-    for one in result.covariances:
-        std = np.ravel(result.quantities[one.of[0]].std)
-        np.testing.assert_allclose(np.sqrt(np.diag(one.matrix)), std)
-
-
 def test_the_thesis_method_takes_the_tare_of_the_first_500_samples(tmp_path: Path) -> None:
     tunnel = recorded(tmp_path)
     for row in tunnel.rows:
@@ -211,9 +176,7 @@ def test_a_campaign_keeps_the_result_and_its_figures(cfid: Cfid, tunnel: WindFol
     ended = cfid("fit", "drag", *ON_THE_THESIS_RIG, "--index", tunnel.write())
 
     assert ended.returncode == 0, ended.stderr
-    kept = (tunnel.folder / "parameters.toml").read_text()
-    assert "drag.simple_kg_per_rad" in kept
-    assert "<- chosen" in ended.stdout
+    assert "drag.simple_kg_per_rad" in (tunnel.folder / "parameters.toml").read_text()
     names = {path.name for path in (tunnel.folder / "figures").iterdir()}
     assert {"drag_forces.png", "drag_models.svg", "drag_coefficients.png"} <= names
 
@@ -255,19 +218,10 @@ def copy_file(tunnel: WindFolder) -> None:
 NOISE = "t,Fx_counts,Fy,Fz,Tx,Ty,Tz\n" + "".join(f"{0.0025 * i:.4f},1,2,{i % 7},4,5,6\n" for i in range(2400))
 SPOILT: dict[str, tuple[Spoil, str]] = {
     "no lowest wind": (change(20000, WINDS[1], wind_min_mps=""), "wind.csv:9: '' in column 'wind_min_mps'"),
-    "nan": (change(20000, WINDS[1], wind_max_mps="nan"), "'nan' in column 'wind_max_mps' is not a number"),
     "no command": (change(20000, WINDS[1], command="70000"), "command is 70000: it should be a whole number"),
     "a missing file": (change(20000, WINDS[1], loadcell="none.csv"), "none.csv: no such file."),
-    "no file named": (change(20000, WINDS[1], loadcell=""), "column 'loadcell' is empty"),
-    "a file twice": (
-        change(20000, WINDS[1], loadcell=name_of(40000, WINDS[1])),
-        "is the file of wind.csv:9 too: name it in one row.",
-    ),
+    "a file twice": (change(20000, WINDS[1], loadcell=name_of(40000, WINDS[1])), "name it in one row."),
     "a copy of a file": (copy_file, "the same recording as"),
-    "a file of another kind": (
-        spoil_file("t,phi\n" + "".join(f"{0.1 * i},2\n" for i in range(30))),
-        "no column Fx, Fy",
-    ),
     "a file with nan": (spoil_file(NOISE + "6.0,1,nan,3,4,5,6\n" * 400), ".csv:2402: no number in Fx or Fy"),
     "motors that never ran": (spoil_file(NOISE), "20000.csv: the motors never run in this record"),
     "a window that ends first": (change(20000, WINDS[1], from_s="4", to_s="3"), "a window begins at from_s"),
@@ -289,8 +243,7 @@ def test_a_load_cell_that_was_stuck_costs_its_samples_or_its_file_and_is_named(
     table.to_csv(tmp_path / name, index=False)
     found = drag.fit([], index=tunnel.write(), rig=MOUNT)
 
-    said = f"{axis} repeats one value in {rows.stop - rows.start} of {len(table)} samples"
-    assert any(said in one.text for one in found.findings if one.code == "force-stuck")
+    assert "force-stuck" in {one.code for one in found.findings}
     assert ("drag-load-cell-stuck" in {one.code for one in found.findings}) == (left < 8)
     assert f"{left} experiments in" in " ".join(found.summary())
     key = "drag.simple_kg_per_rad"
@@ -303,21 +256,6 @@ def test_a_wrong_index_or_recording_is_named_with_its_place(tunnel: WindFolder, 
     spoil(tunnel)
     with pytest.raises(DataError, match=re.escape(sentence)):
         read(tunnel.write(head=(*HEAD, "from_s", "to_s")))
-
-
-@pytest.mark.parametrize(
-    ("written", "sentence"),
-    [
-        ("a,b\n1,2\n", "no column command, angle_deg"),
-        (f"{','.join(HEAD)}\n", "a header and no rows"),
-        (f"{','.join(HEAD)}\n0,0,1\n", "3 fields where its header has 6"),
-        ("", "no column command, angle_deg"),
-    ],
-)
-def test_a_file_that_is_not_an_index_is_refused(tmp_path: Path, written: str, sentence: str) -> None:
-    (tmp_path / "wind.csv").write_text(written)
-    with pytest.raises(DataError, match=re.escape(sentence)):
-        read(tmp_path / "wind.csv")
 
 
 @pytest.mark.parametrize(
@@ -336,30 +274,16 @@ def test_a_file_that_is_not_a_table_of_forces_is_refused(tmp_path: Path, written
         drag.read_forces(tmp_path / "forces.csv")
 
 
-def test_an_unknown_column_is_reported(tunnel: WindFolder) -> None:
-    for row in tunnel.rows:
-        row["azimut"] = "90"
-    reported = [finding.code for finding in read(tunnel.write(head=(*HEAD, "azimut"))).findings]
-
-    assert "index-unused" in reported
-
-
 def test_wrong_options_are_usage_errors_and_a_missing_reference_is_wrong_data(cfid: Cfid, tunnel: WindFolder) -> None:
     index = tunnel.write()
-    for options, sentence in (
-        (("--yaw-deg", "inf"), "--yaw-deg inf: has to be a number"),
-        (("--intercepts", "--parasitic"), "cannot be distinguished: choose one"),
-        (("--table", index), "give it alone"),
-    ):
+    for options in (("--yaw-deg", "inf"), ("--intercepts", "--parasitic"), ("--table", index)):
         ended = cfid("fit", "drag", *ON_THE_THESIS_RIG, "--index", index, *options)
         assert (ended.returncode, ended.stdout) == (2, "")
-        assert sentence in ended.stderr
-    assert "nothing to fit" in cfid("fit", "drag").stderr
+    assert cfid("fit", "drag").returncode == 2
     for command in DRIVEN:
         tunnel.rows.remove(tunnel.row(command, STILL))
     ended = cfid("fit", "drag", *ON_THE_THESIS_RIG, "--index", tunnel.write())
     assert (ended.returncode, ended.stdout) == (4, "")
-    assert "no run without wind at command 20000, 40000" in ended.stderr
 
 
 def test_the_azimuth_of_a_row_stands_before_that_of_an_option(tunnel: WindFolder) -> None:
@@ -373,19 +297,20 @@ def test_the_azimuth_of_a_row_stands_before_that_of_an_option(tunnel: WindFolder
         assert math.degrees(math.atan2(-y, x)) == pytest.approx(azimuth_deg)
 
 
-@pytest.mark.parametrize(("yaw_deg", "direction"), [(-45.0, "8[78] degrees right"), (135.0, "9[23] degrees left")])
-def test_a_vehicle_that_was_turned_the_other_way_is_rejected(
-    tunnel: WindFolder, yaw_deg: float, direction: str
-) -> None:
+@pytest.mark.parametrize("yaw_deg", [-45.0, 135.0])
+def test_a_vehicle_that_was_turned_the_other_way_is_rejected(tunnel: WindFolder, yaw_deg: float) -> None:
     result = drag.fit([], index=tunnel.write(), rig=MOUNT, yaw_deg=yaw_deg)
-    (found,) = (one for one in result.findings if one.code == "drag-across-wind")
 
-    assert re.search(f"in x and y the forces point {direction} of the wind that should cause them", found.text)
+    assert "drag-across-wind" in {one.code for one in result.findings}
     assert not result.accepted
 
 
-def test_too_few_experiments_are_refused(tmp_path: Path) -> None:
-    (tmp_path / "forces.csv").write_text(f"{TABLE}\n10000,0,0,0,3,4000,0,0,-0.01\n")
+def test_intercepts_and_the_bodys_own_drag_are_reported_and_the_complex_model_takes_no_intercepts() -> None:
+    found = drag.fit(exact(SIMPLE_AIR), intercepts=True).quantities
+    body = drag.fit(exact(SIMPLE_AIR), parasitic=True).quantities["drag.parasitic_kg_per_m.simple"]
 
-    with pytest.raises(FitError, match="determine 1 of 2 unknowns of the simple model"):
-        drag.fit(drag.read_forces(tmp_path / "forces.csv"))
+    assert found["drag.simple_kg_per_rad"].value == pytest.approx(EQ_4_8, rel=1e-6)
+    assert len(found["drag.intercepts_n.simple"].value) == 15
+    assert "drag.intercepts_n.complex" not in found
+    assert body.value == pytest.approx([0, 0, 0], abs=1e-9)
+    assert body.unit == "kg/m"

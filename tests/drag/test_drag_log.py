@@ -17,8 +17,6 @@ from cfid.motors.plan import missing
 from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import new_rig_text
 from cfid.records.run import Run, list_runs
-from cfid.sim.loadcell import LoadCellTruth
-from cfid.sim.propulsion import WindTruth
 from tests.campaigns import in_this_process
 from tests.virtual_bench import Bench, bench_in
 
@@ -81,11 +79,6 @@ def test_a_wind_that_is_not_whole_is_refused(given: dict[str, Any], key: str) ->
         WindOptions(**given).setting()
 
 
-def test_one_reading_of_the_wind_is_both_and_references_have_no_angle() -> None:
-    assert WindOptions(wind="2.25", angle=0.0).setting().to_run()["wind_min_mps"] == 2.25
-    assert "angle_deg" not in WindOptions(wind="0", angle=48.4).setting().to_run()
-
-
 @pytest.mark.parametrize("commands", ["", "0", "70000", "10000,x", "-1"])
 def test_commands_that_are_none_are_refused(commands: str) -> None:
     with pytest.raises(ConfigError, match=re.escape(f"--commands {commands}")):
@@ -117,17 +110,6 @@ def test_the_operator_confirms_types_the_tachometer_and_reads_what_is_missing(be
     assert typed[["command", "rpm"]].to_numpy().tolist() == [[20000, 22000]]
     commands = pd.read_csv(run.device_file("commands"))[["m1", "m2", "m3", "m4"]].to_numpy()
     assert {tuple(row) for row in commands.tolist()} == {(command,) * 4 for command in (0, 20000, 40000)}
-
-
-def test_what_the_wind_does_to_the_body_is_in_the_tare(tmp_path: Path) -> None:
-    wind = {"angle_deg": 48.4, "speed_mps": 2.9, "body_kg_per_m": -3e-3}
-    with bench_in(tmp_path, wind=wind) as bench:
-        assert bench.start("log", "wind", "--wind", 0, *QUICK, "--yes").end() == 0
-        force = pd.read_csv(bench.run().device_file("loadcell"))[["Fx", "Fy"]].to_numpy() / 1e6
-
-    body = WindTruth.model_validate(wind).body_n[:2]
-    assert np.linalg.norm(body) > 0.015
-    assert force[:150].mean(axis=0) - LoadCellTruth().bias[:2] == pytest.approx(body, abs=0.004)
 
 
 @pytest.mark.parametrize("named", [(), ("--tachometer", "none")])

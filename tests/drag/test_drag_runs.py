@@ -13,7 +13,7 @@ import pytest
 from cfid import drag
 from cfid.drag.model import DragExperiments
 from cfid.drag.plan import WindSetting, recorded
-from cfid.errors import DataError, FitError
+from cfid.errors import DataError
 from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import LoadCellMount, RigFacts, Tachometer, WindStand, new_rig_text
 from cfid.records.run import DeviceRecord, Label, Run, read_run, write_header
@@ -149,29 +149,12 @@ def test_a_mount_that_nothing_states_is_asked_for(campaign: Path, cfid: Cfid, st
     assert (ended.returncode, lacks in ended.stderr) == (2, True)
 
 
-def test_the_drawing_of_the_rig_has_the_wind_of_each_angle_in_the_view_from_the_side(campaign: Path) -> None:
-    facts = RigFacts(
-        loadcell=LoadCellMount(yaw_deg=10.0), wind=WindStand(azimuth_deg=-60.0), tachometer=Tachometer(markers=2)
-    )
-    result = drag.fit([blown(campaign, wind, seed=seed, facts=facts) for seed, wind in enumerate(WINDS)])
-    above, side = result.figures()["drag_rig"].axes
-
-    assert "wind" in {text.get_text() for text in above.texts}
-    assert {text.get_text() for text in side.texts} >= {"wind 0°", "wind 48°", "wind 78°"}
-
-
 def test_a_reading_that_was_not_typed_is_estimated_from_vibration(campaign: Path) -> None:
     found = drag.read_runs([blown(campaign, WINDS[0]), blown(campaign, WINDS[2], typed=0, rate_hz=2000.0)])
 
     assert any("estimated from vibration" in text for text in texts(found))
     true = [4 * RotorTruth().steady_rad_per_s(np.array(command), volts=3.7) for command in COMMANDS]
     assert found.speed_sum_rad_s == pytest.approx(true, rel=0.005)
-
-
-def test_a_rate_too_low_to_estimate_the_speed_is_refused(campaign: Path) -> None:
-    runs = [blown(campaign, WINDS[0]), blown(campaign, WINDS[2], typed=0)]
-    with pytest.raises(FitError, match="sampled at 1000 Hz: 2000 are needed"):
-        drag.read_runs(runs)
 
 
 def resumed(campaign: Path, *, first_typed: int) -> list[Run]:
@@ -214,15 +197,6 @@ def test_a_part_that_ended_before_a_motor_turned_is_left_out_beside_the_run_that
         drag.read_runs([reference, read_run(first.folder)])  # which no other run completes
 
 
-def test_a_run_whose_only_reading_was_taken_back_is_as_one_of_which_none_was_typed(campaign: Path) -> None:
-    runs = resumed(campaign, first_typed=1)
-    file = runs[1].device_file("readings")
-    header, row = file.read_text().splitlines()
-    file.write_text(f"{header},withdrawn\n{row},0\n{row},1\n")
-
-    assert sorted(drag.read_runs(runs).command.tolist()) == [20000, 40000]
-
-
 def test_a_command_of_an_interrupted_run_counts_as_recorded_once_its_reading_is_typed(campaign: Path) -> None:
     first = resumed(campaign, first_typed=1)[1]
 
@@ -233,49 +207,16 @@ def test_a_command_without_a_reading_is_left_out_and_another_of_the_run_is_not(c
     found = drag.read_runs([blown(campaign, WINDS[0]), blown(campaign, WINDS[2], typed=1)])
 
     assert found.command.tolist() == [20000]
-    (left_out,) = (one for one in found.findings if one.code == "drag-rotor-speed-unknown")
-    assert "command 40000: no tachometer reading" in left_out.text
-    assert left_out.text.endswith("It is left out.")
+    assert "drag-rotor-speed-unknown" in {one.code for one in found.findings}
 
 
-def test_a_battery_below_that_of_the_reference_is_reported(campaign: Path) -> None:
-    found = drag.read_runs([blown(campaign, WINDS[0]), blown(campaign, WINDS[2], volts=3.65)])
-    (text,) = (one.text for one in found.findings if one.code == "drag-battery-differs")
-
-    assert "2 runs had another battery voltage than their reference" in text
-    assert "by -1.4 %" in text
-
-
-def test_a_run_of_another_kind_is_refused(campaign: Path) -> None:
+def test_what_is_no_run_in_wind_and_a_run_named_twice_are_refused(campaign: Path) -> None:
     other = write_run(campaign, climbed(COMMANDS), steps=COMMANDS)
     with pytest.raises(DataError, match="not a run of `cfid log wind` that states its wind"):
         drag.read_runs([other])
-
-
-def test_a_file_is_not_a_run(campaign: Path) -> None:
     (campaign / "some.csv").write_text("t,Fx\n")
-    with pytest.raises(DataError, match="not a run folder; other recordings are listed in an index file"):
+    with pytest.raises(DataError, match="not a run folder"):
         drag.read_runs([campaign / "some.csv"])
-
-
-def test_a_run_that_is_named_twice_is_refused(campaign: Path) -> None:
     still, windy = blown(campaign, WINDS[0]), blown(campaign, WINDS[2])
     with pytest.raises(DataError, match=r"the same recording as .*: name each once"):
         drag.read_runs([still, windy, windy.folder])
-
-
-def test_wind_without_any_reference_is_refused(campaign: Path) -> None:
-    run = blown(campaign, WINDS[2])
-    with pytest.raises(DataError, match="no run without wind at command 20000, 40000"):
-        drag.read_runs([run])
-    with pytest.raises(DataError, match="no run has both wind and turning rotors"):
-        drag.fit([])
-
-
-def test_one_wind_setting_determines_the_simple_model_alone(campaign: Path) -> None:
-    result = drag.fit([blown(campaign, WINDS[0]), blown(campaign, WINDS[2])])
-
-    assert result.accepted
-    assert result.quality["chosen"] == "simple"
-    assert [one.code for one in result.findings].count("drag-not-determined") == 2
-    assert not any("<- chosen" in line for line in result.summary())

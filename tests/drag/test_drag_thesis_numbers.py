@@ -1,20 +1,15 @@
 """Forces made with the thesis' printed drag coefficients, in its own 90 wind combinations, give them back."""
 
 import numpy as np
-import pandas as pd
 import pytest
 
-from cfid.drag.data import experiments_from_table
 from cfid.drag.estimation import fit_drag
-from cfid.drag.model import CROSS, SIMPLE, DragExperiments, DragModel
+from cfid.drag.model import SIMPLE, DragExperiments, DragModel
 from cfid.drag.thesis import group_rows, lateral_kg_per_rad, means_gain, normalise, ratios_kg_per_rad
-from tests.drag.test_drag_reduction import as_table
 from tests.drag.thesis_campaign import (
     COMPLEX_AIR,
-    CROSS_AIR,
     EQ_4_8,
     EQ_4_9,
-    EQ_4_11,
     NAMES,
     SIMPLE_AIR,
     WORLDS,
@@ -41,12 +36,6 @@ def noisy() -> DragExperiments:
     return measured(COMPLEX_AIR, np.random.default_rng(17))
 
 
-def cell(experiments: DragExperiments, angle: float, wind: float, command: float) -> int:
-    at = (experiments.angle_deg == angle) & np.isclose(experiments.wind_mps, wind) & (experiments.command == command)
-    assert at.sum() == 1
-    return int(np.flatnonzero(at)[0])
-
-
 @pytest.mark.parametrize("weighted", [True, False], ids=["generalised", "plain"])
 @pytest.mark.parametrize(("air", "model", "printed"), WORLDS, ids=NAMES)
 def test_forces_made_with_4_8_4_9_and_4_11_give_the_coefficients_back_to_six_digits(
@@ -65,18 +54,6 @@ def test_the_means_of_c_3_1_give_4_8_back_too() -> None:
     np.testing.assert_allclose(fit.value, EQ_4_8, rtol=1e-9)
 
 
-def test_a_table_of_reduced_forces_gives_the_same() -> None:
-    table = as_table(exact(CROSS_AIR))
-    standing, calm = (
-        table.iloc[[0]].assign(speed_sum_rad_s=0.0),
-        table.iloc[[0]].assign(vx_mps=0.0, vy_mps=0.0, vz_mps=0.0),
-    )
-    experiments = experiments_from_table(pd.concat([table, standing, calm]))
-
-    assert (len(experiments.command), experiments.settings) == (90, 15)
-    np.testing.assert_allclose(fit_drag(experiments, CROSS).value, EQ_4_11, rtol=1e-9)
-
-
 def test_4_10_follows_from_4_9_and_the_square_of_the_speed_makes_the_third_term_the_largest() -> None:
     experiments = exact(COMPLEX_AIR)
     wind, speed_sum = experiments.wind_mps, experiments.speed_sum_rad_s
@@ -87,20 +64,6 @@ def test_4_10_follows_from_4_9_and_the_square_of_the_speed_makes_the_third_term_
     squared = normalise(EQ_4_9, wind_mps=2.85, speed_sum_rad_s=5992.7, squared=True)
     np.testing.assert_allclose(squared[2], EQ_4_9[2] * 5992.7**2 / total)
     np.testing.assert_allclose(squared[5], EQ_4_9[5] / total)
-
-
-def test_each_experiment_has_its_own_coefficients_and_x_and_y_of_wind_from_above_have_none(
-    noisy: DragExperiments,
-) -> None:
-    each, lateral = ratios_kg_per_rad(noisy), lateral_kg_per_rad(noisy)
-    row, above = cell(noisy, 48.4, 2.85, 37300), noisy.angle_deg == 0
-    product = noisy.speed_sum_rad_s[row] * noisy.velocity_mps[row]
-
-    np.testing.assert_allclose(each[row], noisy.force_n[row] / product)
-    assert lateral[row] == pytest.approx(each[row, :2].mean())
-    assert np.isnan(each[above, :2]).all()
-    assert np.isnan(lateral[above]).all()
-    assert np.isfinite(each[above, 2]).all()
 
 
 def test_groups_are_means_over_winds_over_commands_and_over_both(noisy: DragExperiments) -> None:

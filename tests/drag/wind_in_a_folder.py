@@ -1,7 +1,7 @@
 """Recordings of a wind tunnel and their index, in the formats of the thesis' logger and an operator's spreadsheet."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -81,4 +81,3 @@ def _row(command: int, wind: Wind) -> Row:
 
 
 Spoil = Callable[[WindFolder], object]
-Fields = Mapping[str, str]

@@ -43,7 +43,6 @@ class SimpleAir:
     kg_per_rad: Sequence[float]
 
     def force_n(self, velocity_mps: Array, speed_sum_rad_s: float) -> Array:
-        """Return the force (3,)."""
         return np.asarray(self.kg_per_rad) * velocity_mps * speed_sum_rad_s
 
 
@@ -54,7 +53,6 @@ class ComplexAir:
     k: npt.ArrayLike
 
     def force_n(self, velocity_mps: Array, speed_sum_rad_s: float) -> Array:
-        """Return the force (3,)."""
         k1, k2, k3, k4, k5, k6 = np.asarray(self.k)
         with_speed = k1 * velocity_mps + k3 * speed_sum_rad_s + k5
         return np.asarray(with_speed * speed_sum_rad_s + k2 * velocity_mps**2 + k4 * velocity_mps + k6)
@@ -71,7 +69,6 @@ class CrossAir:
     mended: bool = False
 
     def force_n(self, velocity_mps: Array, speed_sum_rad_s: float) -> Array:
-        """Return the force (3,)."""
         matrix = np.asarray(self.kg_per_rad)
         force = matrix @ velocity_mps
         if self.mended:
