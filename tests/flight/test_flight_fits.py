@@ -15,10 +15,9 @@ from cfid.flight.braking import fit_drag
 from cfid.flight.contradictions import velocity_findings
 from cfid.flight.data import at_rows, flight_of, read_flight
 from cfid.flight.estimation import CrossedError, first_parameters, fit_flights, refuse_still
-from cfid.flight.findings import Motion, findings_of, spacing_findings
-from cfid.flight.model import DELAY_S, DELAYS, THRUST, Equations, ThrustLag, equations_of
+from cfid.flight.model import DELAY_S, DELAYS, THRUST, Equations, equations_of
 from cfid.flight.result import fit
-from cfid.flight.rows import LEVER, ROW_S, ROW_STEPS, STEP_S, turned_back
+from cfid.flight.rows import LEVER, ROW_S, STEP_S, turned_back
 from cfid.flight.values import INFLOW_STD, LOAD_SAG_STD, RESCALED_STD, Body
 from cfid.recordings.read import read_recording
 from cfid.recordings.recording import How, Recording
@@ -124,55 +123,12 @@ def test_manoeuvres_give_the_vehicle_back(flown: Flown) -> None:
         assert [moment.std / moment.value < 0.05 for moment in moments] == [True, True]
 
 
-@pytest.mark.parametrize("count", [1, pytest.param(3, marks=slow)])
-def test_flights_in_still_air_contain_the_truth(count: int) -> None:
-    rng = np.random.default_rng(6)
-    vehicles = fleet(count, rng)
-    for place, log in enumerate(fly(vehicles, rng, seconds=18.0, wind=0.0)):
-        assert most_in_std(fit([flight_of(log)], body=body_of(vehicles, place)), truths(vehicles, place)) < 3.5
-
-
-@pytest.mark.parametrize("count", [2, pytest.param(3, marks=slow)])
-def test_delays_of_calm_flights_err_alike_and_their_uncertainty_contains_it(count: int) -> None:
-    """Each delay was 0.03 ms too short, which is 1.3 of the standard uncertainties due to noise alone."""
-    rng = np.random.default_rng(6)
-    logs = fly(fleet(count, rng), rng, seconds=24.0, wind=0.0, noise=0.2)
-    fits = [fit_flights([flight_of(log).flight]) for log in logs]
-    delay_s = LATE_STEPS * STEP + GYRO_DELAY_S
-    assert abs(np.mean([(each.values[3] - delay_s) / each.std[3] for each in fits])) < 1.0
-
-
-def test_of_a_step_to_the_other_side_of_the_likeliest_parameters_half_is_taken() -> None:
-    """With whole steps, 12 of 40 fits in still air with little noise stepped back and forth without converging."""
-    rng = np.random.default_rng(6)
-    flight = flight_of(fly(fleet(1, rng), rng, wind=0.0, noise=0.05)[0]).flight
-    fitted = fit_flights([flight])
-    for place in (0, 2, 9):  # a lag, a delay, the moment about yaw
-        step = np.zeros(10)
-        step[place] = 2 * fitted.std[place]
-        at = fitted.values - step
-        equations = Equations([equations_of(flight)]).whitened(at)
-        assert equations.likeliest(at, 2 * step) == 0.5
-        assert equations.likeliest(at, step) == 1.0
-
-
 def test_the_thrust_of_the_mean_command_carries_the_vehicle(flown: Flown) -> None:
     vehicles, logs = flown
     result = fit([flight_of(logs[0])], body=body_of(vehicles, 0))
     level = (np.sqrt(vehicles.mass[0] * 9.81 / 4 / vehicles.k) - vehicles.idle[0]) / vehicles.gain[0]
     thrust = np.polyval(result.quantities["flight.thrust_poly"].value, level * 65535)
     assert thrust == pytest.approx(vehicles.mass[0] * 9.81 / 4, rel=0.01)
-
-
-def test_uncertainties_of_mass_arm_and_torque_widen_what_they_scale(flown: Flown) -> None:
-    vehicles, logs = flown
-    exact = body_of(vehicles, 0)
-    wide = replace(exact, mass_std_kg=0.05 * exact.mass_kg, arm_std_m=0.03 * (exact.arm_m or 0.0))
-    flight = flight_of(logs[0])
-    first, second = (fit([flight], body=body).quantities for body in (exact, wide))
-    for key, more in (("flight.inertia_kg_m2.roll", np.hypot(0.05, 0.03)), ("flight.inertia_kg_m2.yaw", 0.05)):
-        assert second[key].std == pytest.approx(np.hypot(first[key].std, more * first[key].value), rel=1e-6)
-    assert second["flight.rising_s"].std == first["flight.rising_s"].std
 
 
 def test_without_arm_and_torque_no_moment_is_given(flown: Flown) -> None:
@@ -211,22 +167,7 @@ def test_an_accelerometer_with_an_unknown_filter_gives_the_vehicle_back(low_pass
     assert abs(np.mean(errors)) < 0.01
 
 
-def test_a_fit_begins_with_a_late_accelerometer_where_that_explains_far_more() -> None:
-    """Started from a usual delay, fits to accelerations 20 ms late could fail to converge, or end without a thrust."""
-    rng = np.random.default_rng(9)
-    vehicles = replace(fleet(1, rng), rising=np.array([0.03]), falling=np.array([0.04]))
-    (log,) = fly(vehicles, rng, seconds=24.0, wind=0.0, noise=0.3)
-    count = round(0.03 / STEP)
-    later = with_columns(log, SENSORS[3:], lambda force: np.concatenate([force[:count], force[:-count]]))
-    begins = [first_parameters(Equations([equations_of(flight_of(each).flight)])) for each in (log, later)]
-    assert [float(p[DELAYS][0]) for p in begins] == [DELAY_S, pytest.approx(0.035)]
-    expected = truths(vehicles, 0)
-    expected["flight.single_lag_s"] += 0.03
-    assert most_in_std(fit([flight_of(later)], body=body_of(vehicles, 0)), expected) < 3.5
-
-
 def test_thrust_contains_the_zero_of_an_accelerometer(flown: Flown) -> None:
-    """Earlier, an offset of 0.025 g made thrust 2.3 % too large, with 0.14 % stated."""
     flight = flight_of(flown[1][0]).flight
     offset = np.array([0.0, 0.0, 0.25])
     fits = [fit_flights([replace(flight, force=flight.force + each)]) for each in (0 * offset, offset)]
@@ -259,7 +200,6 @@ def test_moments_contain_the_scale_that_a_crazyflie_makes_of_an_accelerometers_z
 
 
 def test_lags_contain_what_inflow_takes_from_thrust() -> None:
-    """Earlier, thrust that falls with the climb made the falling lag 1.4 to 3.6 % too long, with 0.6 % stated."""
     rng = np.random.default_rng(14)
     vehicles = fleet(2, rng)
     for place, log in enumerate(fly(vehicles, rng, seconds=24.0, wind=0.1, inflow=0.06)):
@@ -306,26 +246,23 @@ def sagging(kind: str, volts: Array) -> Array:
     noise = 0.02 * np.random.default_rng(13).standard_normal(len(volts))
     relaxing = volts + 0.75 * (low_passed(volts, 1.5) - volts[0])
     records: dict[str, Array] = {
-        "whole": volts,
         "noisy": volts + noise,
         "in steps of 10 mV": np.round(volts, 2),
         "of a cell that sags further within seconds": relaxing + noise / 2,
         "every 10 ms": np.repeat(volts[::5], 5)[: len(volts)],
         "every 0.1 s": np.repeat(volts[::50], 50)[: len(volts)],
-        "every 1 s": np.repeat(volts[::500], 500)[: len(volts)],
         "constant": np.full(len(volts), 3.9),
         "50 ms late": np.concatenate([volts[:1].repeat(25), volts[:-25]]),
         "smoothed by 0.1 s": low_passed(volts, 0.1),
-        "smoothed by 0.5 s, noisy": low_passed(volts, 0.5) + noise,
         "smoothed by 2 s, noisy": low_passed(volts, 2.0) + noise,
         "smoothed by 10 s": low_passed(volts, 10.0),
     }
     return records[kind]
 
 
-SOUND = ("whole", "noisy", "in steps of 10 mV", "of a cell that sags further within seconds", "every 10 ms")
-UNSOUND = ("every 0.1 s", "smoothed by 0.1 s", "smoothed by 2 s, noisy", "constant")
-SLOW_UNSOUND = ("every 1 s", "50 ms late", "smoothed by 0.5 s, noisy", "smoothed by 10 s")
+SOUND = ("noisy", "in steps of 10 mV", "of a cell that sags further within seconds", "every 10 ms")
+UNSOUND = ("every 0.1 s", "smoothed by 2 s, noisy", "constant")
+SLOW_UNSOUND = ("50 ms late", "smoothed by 0.1 s", "smoothed by 10 s")
 
 
 @pytest.mark.parametrize("kind", [*SOUND, *UNSOUND, *(pytest.param(kind, marks=slow) for kind in SLOW_UNSOUND)])
@@ -343,18 +280,6 @@ def test_a_voltage_is_used_where_it_shows_the_sag_under_load_and_only_there(kind
     assert [one.code for one in result.findings if "voltage" in one.code] == ["flight-voltage-unknown"] * (not used)
     if kind != "of a cell that sags further within seconds":  # whose simulated thrust does not
         assert most_in_std(result, truths(vehicles, 0, "inertia")) < 2.5
-
-
-def test_a_voltage_in_a_series_of_its_own_every_100_ms_is_not_used() -> None:
-    rng = np.random.default_rng(13)
-    vehicles = fleet(1, rng)
-    (log,) = fly(vehicles, rng, seconds=18.0, wind=0.1, load_sag=0.08, with_volts=True)
-    series, rows = only(log), table_of(log)
-    battery = made_series("battery", rows[::50, 0], [("pm.vbat", "V")], [rows[::50, -1]])
-    apart = with_series(log, replace(series, columns=series.columns[:-1]), battery)
-    result = fit([flight_of(apart)], body=replace(body_of(vehicles, 0), load_sag_std=LOAD_SAG_STD))
-    assert [one.severity for one in result.findings if one.code == "flight-voltage-unknown"] == ["warning"]
-    assert most_in_std(result, truths(vehicles, 0, "inertia")) < 2.5
 
 
 def test_a_drive_is_the_command_times_the_voltage_while_it_holds(flown: Flown) -> None:
@@ -389,7 +314,7 @@ def test_a_voltage_that_the_others_refute_and_empty_fields_change_nothing(
     )
 
 
-@pytest.mark.parametrize("volts", [4000.0, 0.0, np.nan])
+@pytest.mark.parametrize("volts", [4000.0, np.nan])
 def test_a_voltage_that_no_battery_has_is_not_used(flown: Flown, volts: float) -> None:
     log = flown[1][0]
     read = flight_of(with_battery(log, "pm.vbat", np.full(only(log).rows, volts)))
@@ -422,7 +347,6 @@ def test_velocities_along_other_axes_than_the_attitudes_cost_the_drag(flown: Flo
 
 
 def test_an_accelerometer_tilted_by_five_degrees_leaves_the_drag_as_it_is(flown: Flown) -> None:
-    """Earlier, thrust that a tilted accelerometer showed made drag up to a fifth too small, with 5 % stated."""
     vehicles, logs = flown
     tilt = np.radians(5.0)
     turn = np.array([[np.cos(tilt), 0, -np.sin(tilt)], [0, 1, 0], [np.sin(tilt), 0, np.cos(tilt)]])
@@ -475,7 +399,6 @@ def every(log: Recording, rows_of: dict[str, int]) -> Recording:
 def test_rows_that_are_far_apart_give_no_lags_and_of_the_accelerometer_no_moments(
     flown: Flown, rows_of: dict[str, int], lost: tuple[str, ...]
 ) -> None:
-    """Earlier, lags were 2 to 10 % too long and moments 1 to 6 % too small, by up to five standard uncertainties."""
     vehicles, logs = flown
     result = fit([flight_of(every(logs[0], rows_of))], body=body_of(vehicles, 0))
     assert ("flight-rows-apart" in codes(result)) is bool(lost)
@@ -513,7 +436,6 @@ def repeating(log: Recording, rows_of: dict[str, float], *, step_rad_s: float = 
 def test_of_readings_that_rows_repeat_the_first_counts_and_lags_and_delay_are_the_vehicles(
     flown: Flown, rows_of: dict[str, float], step_deg_s: float
 ) -> None:
-    """Earlier, the delay was 1 to 4 ms too long with 0.3 ms stated: 5 to 16 standard uncertainties."""
     vehicles, logs = flown
     read = flight_of(repeating(logs[1], rows_of, step_rad_s=np.radians(step_deg_s)))
     concerned = {"gyro": "flight.delay_s", "acc": "flight.single_lag_s"}
@@ -525,24 +447,7 @@ def test_of_readings_that_rows_repeat_the_first_counts_and_lags_and_delay_are_th
     assert all(result.quantities[concerned[sensor]].std > 1.1e-3 for sensor in rows_of)
 
 
-@pytest.mark.parametrize(
-    ("rows_of", "apart"),
-    [
-        ({"gyro": 10}, 1),
-        ({"motor": 5, "gyro": 5, "acc": 5}, 1),
-        ({"motor": 5}, 0),  # which could be the rate of an autopilot
-    ],
-)
-def test_readings_that_are_repeated_for_long_are_as_far_apart_as_rows_of_a_log_that_is_not_filled(
-    flown: Flown, rows_of: dict[str, float], apart: int
-) -> None:
-    assert len(spacing_findings(flight_of(repeating(flown[1][0], rows_of)))) == apart
-    with pytest.raises(DataError, match=r"readings 40 ms apart \(limit 21 ms\)"):
-        flight_of(repeating(flown[1][0], {"gyro": 20}))
-
-
-@pytest.mark.parametrize("step_deg_s", [0.061, pytest.param(1.0, marks=slow), 5.0])
-@pytest.mark.parametrize("hover", [False, True])
+@pytest.mark.parametrize(("step_deg_s", "hover"), [(0.061, True), (5.0, False)])
 def test_a_gyro_of_coarse_steps_does_not_pass_for_one_whose_readings_are_repeated(
     *, step_deg_s: float, hover: bool
 ) -> None:
@@ -567,18 +472,8 @@ def test_the_delay_contains_what_commands_that_a_log_alone_holds_make_of_it() ->
     assert most_in_std(result, truths(vehicles, 0)) < 2.5
 
 
-def test_a_hovering_flight_is_refused() -> None:
-    rng = np.random.default_rng(5)
-    vehicles = fleet(1, rng)
-    result = fit([flight_of(fly(vehicles, rng, hover=True)[0])], body=body_of(vehicles, 0))
-    assert "flight-thrust-not-excited" in codes(result)
-    assert not result.accepted
-    assert not any(key.startswith(("flight.inertia", "flight.thrust")) for key in result.without_rejected().quantities)
-
-
-@pytest.mark.parametrize("wind", [0.0, 1.0, 3.0])
+@pytest.mark.parametrize("wind", [0.0, 3.0])
 def test_a_hovering_flight_without_motion_capture_is_refused_before_it_is_fitted(wind: float) -> None:
-    """Earlier, such a fit took up to a hundred iterations, and ended with a message about clocks or noise."""
     rng = np.random.default_rng(5)
     vehicles = fleet(2, rng)
     flights = [flight_of(log) for log in fly(vehicles, rng, hover=True, wind=wind)]
@@ -604,7 +499,6 @@ def test_motors_under_other_numbers_turn_the_vehicle_the_wrong_way(flown: Flown)
 
 @pytest.mark.parametrize("order", [[1, 2, 3, 0], pytest.param([3, 0, 1, 2], marks=slow)])
 def test_motors_that_are_numbered_from_another_corner_are_refused(flown: Flown, order: list[int]) -> None:
-    """Earlier, such a fit did not converge, and the message blamed the flight's noise."""
     read = flight_of(flown[1][0])
     with pytest.raises(CrossedError):
         fit([replace(read, flight=replace(read.flight, drive=read.flight.drive[:, order]))], body=body_of(flown[0], 0))
@@ -680,61 +574,7 @@ def test_channels_of_another_unit_are_refused(flown: Flown) -> None:
             flight_of(with_columns(log, motors, partial(np.multiply, most / 65535)))
 
 
-def test_a_dead_gyro_costs_the_moments_and_no_traceback(flown: Flown) -> None:
-    vehicles, logs = flown
-    read = flight_of(logs[0])
-    dead = replace(read.flight, rates=np.zeros_like(read.flight.rates), velocity=None, attitude=None)
-    result = fit([replace(read, flight=dead)], body=body_of(vehicles, 0))
-    assert "flight-moment-not-excited" in codes(result)
-    assert not any(key.startswith("flight.inertia") for key in result.without_rejected().quantities)
-
-
-@pytest.mark.parametrize("fault", ["still", "backwards"])
-def test_what_rotors_hardly_did_about_yaw_costs_its_moment_alone(flown: Flown, fault: str) -> None:
-    """At 0.3 rad/s^2 rms, older torques changed the moment by 2360 %, so that all lags were refused; motors at idle
-    left no rotation, whose remainder gave -0.03 of the true moment with 0.6 % stated.
-    """
-    vehicles, logs = flown
-    read = flight_of(logs[0])
-    fitted = fit_flights([read.flight])
-    values, covariance, blocks = fitted.values.copy(), fitted.covariance.copy(), fitted.blocks
-    if fault == "still":
-        covariance[-1, -1] = (3 * values[-1]) ** 2
-    else:
-        values[-1] *= -30
-        blocks = tuple((block, -30 * rotors if block.axis == 2 else rotors) for block, rotors in fitted.blocks)
-    other = replace(
-        fitted,
-        values=values,
-        covariance=covariance,
-        blocks=blocks,
-        excitation=fitted.excitation | ({"yaw": 0.3} if fault == "still" else {}),
-        feedback=np.array([0.0, 0.0, 20.0]),
-    )
-    findings = findings_of([read], other, {}, body_of(vehicles, 0))
-    (of_yaw,) = [one for one in findings if "flight.inertia_kg_m2.yaw" in one.quantities]
-    assert (of_yaw.code, of_yaw.quantities) == ("flight-moment-not-excited", ("flight.inertia_kg_m2.yaw",))
-
-
-@pytest.mark.parametrize(
-    ("explained", "unclear", "shows"), [(0.7, 0.02, True), (0.7, 0.08, False), (0.95, 0.08, True), (0.4, 0.02, False)]
-)
-def test_small_turns_show_a_moment_where_torques_explain_them_clearly(
-    explained: float, unclear: float, shows: bool
-) -> None:
-    """A vehicle of 1.5 kg never exceeds 5 rad/s^2 about yaw, and reactions to moving air are as small."""
-    assert Motion("yaw", 2.0, 5.0, explained, 0.05, unclear).tells == shows
-
-
-def test_a_log_with_a_gap_is_fitted_without_it(flown: Flown) -> None:
-    vehicles, logs = flown
-    cut = flight_of(of_rows(logs[0], lambda rows: rows[(rows[:, 0] < 6.0) | (rows[:, 0] > 9.0)]))
-    assert cut.in_air_s == pytest.approx(flight_of(logs[0]).in_air_s - 3.0, abs=0.05)
-    assert most_in_std(fit([cut], body=body_of(vehicles, 0)), truths(vehicles, 0)) < 3.5
-
-
 def test_rows_whose_commands_are_missing_are_a_gap(flown: Flown) -> None:
-    """Earlier, the last commands before a gap were used within it: falling lags were 20 % and moments 10 % wrong."""
     _, logs = flown
 
     def emptied(rows: Array) -> Array:
@@ -762,7 +602,6 @@ def test_thrust_just_after_a_gap_is_no_touch_of_the_ground() -> None:
 
 @pytest.mark.parametrize("idling", [4000.0, pytest.param(0.0, marks=slow)])
 def test_hops_with_a_rest_between_them_are_fitted_without_it(flown: Flown, idling: float) -> None:
-    """Earlier, the pause counted as flight: rotors explained no weight on the ground, so the fit was refused."""
     vehicles, logs = flown
     rows = table_of(logs[0])
     middle, count = len(rows) // 2, round(4.0 / STEP)
@@ -776,7 +615,6 @@ def test_hops_with_a_rest_between_them_are_fitted_without_it(flown: Flown, idlin
 
 
 def test_short_touches_of_the_ground_are_left_out() -> None:
-    """Earlier, touches counted as flight: one of 0.25 s led to a refusal, one of 0.07 s to moments 3 % too small."""
     rng = np.random.default_rng(4)
     vehicles = fleet(2, rng)
     for place, log in enumerate(fly(vehicles, rng, seconds=24.0, wind=0.2, touches_s=(9.0, 16.0))):
@@ -802,7 +640,6 @@ def test_gusts_and_quick_manoeuvres_are_no_touches(changed: dict[str, float]) ->
 
 @pytest.mark.parametrize(("most_rad_s", "severity"), [(5.0, "warning"), (3.0, "rejection")])
 def test_rows_at_the_end_of_a_gyros_range_are_left_out(flown: Flown, most_rad_s: float, severity: str) -> None:
-    """Earlier, such rows made moments 4 to 10 % too large, with 1 to 3 % stated."""
     vehicles, logs = flown
     read = flight_of(with_columns(logs[0], SENSORS[:3], lambda rates: np.clip(rates, -most_rad_s, most_rad_s)))
     assert [one.severity for one in read.findings if one.code == "flight-gyro-clipped"] == [severity]
@@ -852,24 +689,6 @@ def test_a_row_is_the_mean_over_its_10_ms_however_close_a_sensors_rows_are(apart
     time_s, row_s = (np.asarray(apart * np.arange(round(5.0 / apart)), dtype=np.float64) for apart in (apart_s, ROW_S))
     shown = at_rows(time_s, np.sin(40 * np.pi * time_s)[:, np.newaxis], row_s, averaged=True)[:, 0]
     assert gain_at(20.0, shown) == pytest.approx(np.sinc(20.0 * ROW_S), rel=2e-3)
-
-
-def test_thrust_in_a_row_is_the_mean_over_its_10_ms(flown: Flown) -> None:
-    """Earlier, the mean of three steps stood for the row, which was 0.7 % too large at 20 Hz."""
-    drive = 0.5 + 0.1 * np.sin(40 * np.pi * STEP_S * np.arange(500 * ROW_STEPS))
-    flight = replace(
-        flight_of(flown[1][0]).flight,
-        drive=np.tile(drive[:, np.newaxis], (1, 4)),
-        rates=np.ones((500, 3)),
-        force=np.ones((500, 3)),
-        velocity=np.ones((500, 3)),
-        airborne=np.ones(500, dtype=bool),
-        driven=np.ones(500, dtype=bool),
-        low_pass_hz=(None, None),
-    )
-    vertical, *_ = equations_of(flight)(ThrustLag(0.05, 0.05), (0.0, 0.0))
-    followed = (1 - np.exp(-STEP_S / 0.05)) / abs(np.exp(40j * np.pi * STEP_S) - np.exp(-STEP_S / 0.05))
-    assert gain_at(20.0, vertical.terms[:, 1]) == pytest.approx(0.4 * followed * np.sinc(20.0 * ROW_S), rel=2e-3)
 
 
 def test_flights_that_cannot_be_fitted_are_refused(flown: Flown, tmp_path: Path) -> None:
@@ -950,3 +769,51 @@ def test_intervals_of_200_flights_contain_the_truth(captured: bool, wind: float,
         )
     assert all(abs(np.mean(each)) < 0.02 for key, each in relative.items() if "inertia" in key)
     assert FEWEST <= np.mean([abs(error) < 1.96 for each in errors.values() for error in each]) <= MOST
+
+
+def test_of_a_step_to_the_other_side_of_the_likeliest_parameters_half_is_taken() -> None:
+    """With whole steps, 12 of 40 fits in still air with little noise stepped back and forth without converging."""
+    rng = np.random.default_rng(6)
+    flight = flight_of(fly(fleet(1, rng), rng, wind=0.0, noise=0.05)[0]).flight
+    fitted = fit_flights([flight])
+    for place in (0, 2, 9):  # a lag, a delay, the moment about yaw
+        step = np.zeros(10)
+        step[place] = 2 * fitted.std[place]
+        at = fitted.values - step
+        equations = Equations([equations_of(flight)]).whitened(at)
+        assert equations.likeliest(at, 2 * step) == 0.5
+        assert equations.likeliest(at, step) == 1.0
+
+
+def test_uncertainties_of_mass_arm_and_torque_widen_what_they_scale(flown: Flown) -> None:
+    vehicles, logs = flown
+    exact = body_of(vehicles, 0)
+    wide = replace(exact, mass_std_kg=0.05 * exact.mass_kg, arm_std_m=0.03 * (exact.arm_m or 0.0))
+    flight = flight_of(logs[0])
+    first, second = (fit([flight], body=body).quantities for body in (exact, wide))
+    for key, more in (("flight.inertia_kg_m2.roll", np.hypot(0.05, 0.03)), ("flight.inertia_kg_m2.yaw", 0.05)):
+        assert second[key].std == pytest.approx(np.hypot(first[key].std, more * first[key].value), rel=1e-6)
+    assert second["flight.rising_s"].std == first["flight.rising_s"].std
+
+
+def test_a_fit_begins_with_a_late_accelerometer_where_that_explains_far_more() -> None:
+    """Started from a usual delay, fits to accelerations 20 ms late could fail to converge, or end without a thrust."""
+    rng = np.random.default_rng(9)
+    vehicles = replace(fleet(1, rng), rising=np.array([0.03]), falling=np.array([0.04]))
+    (log,) = fly(vehicles, rng, seconds=24.0, wind=0.0, noise=0.3)
+    count = round(0.03 / STEP)
+    later = with_columns(log, SENSORS[3:], lambda force: np.concatenate([force[:count], force[:-count]]))
+    begins = [first_parameters(Equations([equations_of(flight_of(each).flight)])) for each in (log, later)]
+    assert [float(p[DELAYS][0]) for p in begins] == [DELAY_S, pytest.approx(0.035)]
+    expected = truths(vehicles, 0)
+    expected["flight.single_lag_s"] += 0.03
+    assert most_in_std(fit([flight_of(later)], body=body_of(vehicles, 0)), expected) < 3.5
+
+
+def test_a_dead_gyro_costs_the_moments_and_no_traceback(flown: Flown) -> None:
+    vehicles, logs = flown
+    read = flight_of(logs[0])
+    dead = replace(read.flight, rates=np.zeros_like(read.flight.rates), velocity=None, attitude=None)
+    result = fit([replace(read, flight=dead)], body=body_of(vehicles, 0))
+    assert "flight-moment-not-excited" in codes(result)
+    assert not any(key.startswith("flight.inertia") for key in result.without_rejected().quantities)

@@ -9,17 +9,14 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.errors import ConfigError, DataError
+from cfid.errors import DataError
 from cfid.flight.data import read_flight
 from cfid.flight.result import fit
 from cfid.recordings.crazyflie import channel
-from cfid.recordings.read import read_recording
-from cfid.recordings.recording import How
 from tests.campaigns import Cfid
 from tests.flight.flying import STEP, Fleet, fleet, fly
 from tests.flight.test_flight_fits import body_of
 from tests.logs.autopilot_bytes import message, signed, unsigned
-from tests.recordings.made import only
 
 Array = npt.NDArray[np.float64]
 
@@ -56,13 +53,11 @@ def ulog(
     every: int = 1,
     places_m: Sequence[tuple[float, float]] = (),
     others: Sequence[float] = (),
-    km_m: float = 0.0,
 ) -> bytes:
     """Return a ULog of PX4's quad X, x forward, y right, z down, with motors in one of `every` rows.
 
     `places_m` are the rotors' positions in its parameters. `others` are the commands of further motors, divided by the
-    mean command of the four. `km_m` is the ratio of moment to thrust of the first two rotors; the other two have the
-    opposite sign.
+    mean command of the four.
     """
     head = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 1000) + message("B", bytes(40))
     head += message("F", b"sensor_combined:uint64_t timestamp;float[3] gyro_rad;float[3] accelerometer_m_s2;")
@@ -71,9 +66,6 @@ def ulog(
         for axis, value in zip("XY", place, strict=True):
             key = f"float CA_ROTOR{at}_P{axis}".encode()
             head += message("P", bytes([len(key)]) + key + struct.pack("<f", value))
-    for at, sign in enumerate((1, 1, -1, -1)):
-        key = f"float CA_ROTOR{at}_KM".encode()
-        head += message("P", bytes([len(key)]) + key + struct.pack("<f", sign * km_m)) if km_m else b""
     head += message("A", struct.pack("<BH", 0, 0) + b"sensor_combined")
     head += message("A", struct.pack("<BH", 0, 1) + b"actuator_motors")
     order, down = [FRONT_RIGHT, REAR_LEFT, FRONT_LEFT, REAR_RIGHT], [1, -1, -1]
@@ -130,6 +122,14 @@ def blackbox(
     return "".join(f"H {line}\n" for line in head).encode() + rows + b"E\xffEnd of log\0"
 
 
+def imported(cfid: Cfid, log: Path) -> Path:
+    """Import a log into a new campaign and return the run's folder."""
+    assert cfid("new", "lab").returncode == 0
+    assert cfid("import", log, "--kind", "flight", folder=log.parent / "lab").returncode == 0
+    (run,) = (log.parent / "lab" / "runs").iterdir()
+    return run
+
+
 @pytest.mark.parametrize(
     ("library", "written"), [("pyulog", partial(ulog, places_m=corners_m(0.0325, 0.0325))), ("orangebox", blackbox)]
 )
@@ -161,9 +161,7 @@ def test_moments_of_rotors_that_the_log_places_off_a_square_are_refused(
     """With the lever of a square, one would be 11 % too small and the other 16 % too large, with 1 % stated."""
     pytest.importorskip("pyulog", reason="pyulog is not installed")
     (tmp_path / "log.ulg").write_bytes(ulog(*flown[1:], places_m=corners_m(0.050, 0.065)))
-    assert cfid("new", "lab").returncode == 0
-    assert cfid("import", "../log.ulg", "--kind", "flight", folder=tmp_path / "lab").returncode == 0
-    (run,) = (tmp_path / "lab" / "runs").iterdir()
+    run = imported(cfid, tmp_path / "log.ulg")
     result = fit([read_flight(run)], body=body_of(flown[0], 0))
     (refused,) = [one for one in result.findings if one.severity == "rejection"]
     assert refused.code == "flight-rotors-off-square"
@@ -180,23 +178,12 @@ def test_a_hexarotor_s_flight_is_neither_fitted_nor_predicted(
     """Fitted as a quadrocopter's, its thrust and its moment about yaw would be 50 % too large."""
     pytest.importorskip(library, reason=f"{library} is not installed")
     (tmp_path / "log").write_bytes(written(*(signal[:6000] for signal in flown[1:])))
-    assert cfid("new", "lab").returncode == 0
-    assert cfid("import", "../log", "--kind", "flight", folder=tmp_path / "lab").returncode == 0
-    (run,) = (tmp_path / "lab" / "runs").iterdir()
+    run = imported(cfid, tmp_path / "log")
     for log in ("log", run):
         for command in (("fit", "flight", log, "--mass-kg", 0.03), ("validate", log, "--with", "gym-pybullet-drones")):
             done = cfid(*command)
             assert done.returncode == 5
             assert f"{own}[4], {own}[5]" in " ".join(done.stderr.split())
-
-
-def test_a_flight_under_four_motors_while_others_stand_still_is_fitted(tmp_path: Path, flown: Flown) -> None:
-    pytest.importorskip("pyulog", reason="pyulog is not installed")
-    vehicles, *signals = flown
-    (tmp_path / "log").write_bytes(ulog(*signals, others=(0.0,)))
-    result = fit([read_flight(tmp_path / "log")], body=body_of(vehicles, 0))
-    assert result.accepted
-    assert not {"flight.inertia_kg_m2.roll", "flight.inertia_kg_m2.pitch"} & set(result.rejected)
 
 
 @pytest.mark.parametrize(("library", "written"), [("pyulog", ulog), ("orangebox", blackbox)])
@@ -205,9 +192,7 @@ def test_an_imported_flight_of_another_autopilot_is_that_of_its_file(
 ) -> None:
     pytest.importorskip(library, reason=f"{library} is not installed")
     (tmp_path / "log").write_bytes(written(*(signal[:6000] for signal in flown[1:])))
-    assert cfid("new", "lab").returncode == 0
-    assert cfid("import", "../log", "--kind", "flight", folder=tmp_path / "lab").returncode == 0
-    (run,) = (tmp_path / "lab" / "runs").iterdir()
+    run = imported(cfid, tmp_path / "log")
     expected = read_flight(tmp_path / "log").flight
     found = read_flight(run).flight
     for name in ("rates", "force", "drive"):
@@ -244,43 +229,17 @@ def test_a_blackbox_log_that_has_the_gyro_unfiltered_alone_is_read(tmp_path: Pat
 def test_a_blackbox_log_of_high_resolution_counts_tenths_also_when_imported(
     tmp_path: Path, cfid: Cfid, flown: Flown
 ) -> None:
-    """Earlier, the gyro of such a log seemed to turn ten times as fast."""
     pytest.importorskip("orangebox", reason="orangebox is not installed")
     signals = [signal[:6000] for signal in flown[1:]]
     (tmp_path / "usual").write_bytes(blackbox(*signals, headers=["blackbox_high_resolution:0"]))
     (tmp_path / "log").write_bytes(blackbox(*signals, headers=["blackbox_high_resolution:1"], tenths=True))
-    assert cfid("new", "lab").returncode == 0
-    assert cfid("import", "../log", "--kind", "flight", folder=tmp_path / "lab").returncode == 0
-    (run,) = (tmp_path / "lab" / "runs").iterdir()
+    run = imported(cfid, tmp_path / "log")
     expected = read_flight(tmp_path / "usual").flight.rates
     for path in (tmp_path / "log", run):
         np.testing.assert_allclose(read_flight(path).flight.rates, expected, atol=np.radians(0.6))
 
 
-def test_rotors_that_turn_the_other_way_by_the_log_do_so_in_an_imported_run(
-    tmp_path: Path, cfid: Cfid, flown: Flown
-) -> None:
-    """Negating the gyro about z is equivalent to rotors that turn the other way than the plant's."""
-    pytest.importorskip("pyulog", reason="its library is not installed")
-    vehicles, commands, rates, forces = flown
-    (tmp_path / "log").write_bytes(
-        ulog(commands, rates * [1, 1, -1], forces, places_m=corners_m(0.0325, 0.0325), km_m=-0.05)
-    )
-    assert cfid("new", "lab").returncode == 0
-    assert cfid("import", "../log", "--kind", "flight", folder=tmp_path / "lab").returncode == 0
-    (run,) = (tmp_path / "lab" / "runs").iterdir()
-    assert "props_out = true" in (run / "run.toml").read_text(encoding="utf-8")
-    for path in (tmp_path / "log", run):
-        flight = read_flight(path)
-        assert flight.flight.props_out
-    result = fit([read_flight(tmp_path / "log")], body=body_of(vehicles, 0))
-    found = result.quantities["flight.inertia_kg_m2.yaw"]
-    assert found.value == pytest.approx(float(vehicles.moments[0, 2]), abs=3 * found.std)
-    assert not result.rejected
-
-
 def test_rotors_that_turn_the_other_way_unstated_are_named_and_can_be_given(tmp_path: Path, flown: Flown) -> None:
-    """Earlier, the message blamed other axes or motor numbers, and lags were rejected too."""
     pytest.importorskip("orangebox", reason="orangebox is not installed")
     vehicles, commands, rates, forces = flown
     (tmp_path / "log").write_bytes(blackbox(commands, rates * [1, 1, -1], forces))
@@ -293,19 +252,10 @@ def test_rotors_that_turn_the_other_way_unstated_are_named_and_can_be_given(tmp_
     assert found.value == pytest.approx(float(vehicles.moments[0, 2]), abs=3 * found.std)
 
 
-@pytest.mark.parametrize("long_first", [True, False])
-def test_of_a_blackbox_file_of_two_flights_the_longest_is_fitted_and_the_other_named(
-    tmp_path: Path, flown: Flown, long_first: bool
-) -> None:
-    pytest.importorskip("orangebox", reason="orangebox is not installed")
-    long, short = (blackbox(*(signal[part] for signal in flown[1:])) for part in (slice(6000), slice(6000, 8000)))
-    (tmp_path / "one").write_bytes(long)
-    (tmp_path / "two").write_bytes(long + short if long_first else short + long)
-    expected, found = read_flight(tmp_path / "one"), read_flight(tmp_path / "two")
-    np.testing.assert_array_equal(found.flight.rates, expected.flight.rates)
-    np.testing.assert_array_equal(found.flight.drive, expected.flight.drive)
-    assert "log-of-several" in [one.code for one in found.findings]
-    chosen = read_recording(tmp_path / "two", How(log=2 if long_first else 1))
-    assert only(chosen).rows == 2000
-    with pytest.raises(ConfigError, match="`log` 3: it has 2"):
-        read_recording(tmp_path / "two", How(log=3))
+def test_a_flight_under_four_motors_while_others_stand_still_is_fitted(tmp_path: Path, flown: Flown) -> None:
+    pytest.importorskip("pyulog", reason="pyulog is not installed")
+    vehicles, *signals = flown
+    (tmp_path / "log").write_bytes(ulog(*signals, others=(0.0,)))
+    result = fit([read_flight(tmp_path / "log")], body=body_of(vehicles, 0))
+    assert result.accepted
+    assert not {"flight.inertia_kg_m2.roll", "flight.inertia_kg_m2.pitch"} & set(result.rejected)
