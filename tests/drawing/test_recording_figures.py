@@ -53,12 +53,6 @@ def test_a_gap_in_the_record_is_marked(look: Look) -> None:
     assert page.red().startswith("1 over")
 
 
-@pytest.mark.parametrize("repeats", [1, 8])
-def test_the_shortest_record_and_stamps_that_come_in_blocks_are_drawn(repeats: int) -> None:
-    time = np.repeat(0.01 * np.arange(32 // repeats), repeats)[:32]
-    recording_figure(_record(time, np.linspace(0.0, 1.0, len(time))), title="a")
-
-
 def test_a_group_of_more_columns_than_colours_shows_the_first_in_a_panel_that_has_room(look: Look) -> None:
     columns = {f"a_long_name_of_states[{at}]": np.sin(at + TIME_S) for at in range(25)}
     page = look(device_figure(TIME_S, columns, title="a", notes=()))

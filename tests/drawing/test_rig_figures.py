@@ -1,7 +1,6 @@
 """Drawings of the rig show each item of rig.toml where a person would look for it."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -11,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Annotation
 
 from cfid.drawing.rig import load_cell_figure, mounts_figure
-from cfid.records.rig_file import BodyFrame, Mount, load_rig, new_rig_text
+from cfid.records.rig_file import BodyFrame, Mount
 
 Array = npt.NDArray[np.float64]
 AHEAD = BodyFrame()
@@ -65,18 +64,6 @@ def test_a_mount_on_an_arm_is_drawn_at_the_motor_that_flies_there_whatever_the_f
         assert ring @ label > 0.99 * np.linalg.norm(ring) * np.linalg.norm(label)
         assert np.mean(ends(side, "a"), axis=0) == pytest.approx([30 * ahead, 20])
         assert np.array_equal(np.sign(place(above, "nose")), [0, 1])
-
-
-def test_the_points_of_a_new_rig_lie_on_the_arms_of_motors_1_and_4(tmp_path: Path) -> None:
-    """The points were read along the arms, 45 degrees to the right and left of body y, which points forward there."""
-    (tmp_path / "rig.toml").write_text(new_rig_text())
-    rig = load_rig(tmp_path / "rig.toml")
-    above, _ = panels(mounts_figure(rig.mounts, rig.vehicle.body_frame))
-
-    assert np.mean(ends(above, "x"), axis=0) == pytest.approx([32.25 * math.sqrt(0.5)] * 2)
-    assert np.mean(ends(above, "y"), axis=0) == pytest.approx([-32.25 * math.sqrt(0.5), 32.25 * math.sqrt(0.5)])
-    assert (np.sign(place(above, "m1")) == [1, 1]).all()
-    assert (np.sign(place(above, "m4")) == [-1, 1]).all()
 
 
 @pytest.mark.parametrize(("yaw_deg", "left"), [(90, (-1, 0)), (0, (0, 1)), (-45, (math.sqrt(0.5), math.sqrt(0.5)))])

@@ -52,14 +52,6 @@ def test_somebody_elses_file_stays_and_nothing_is_written_beside_it(tmp_path: Pa
     assert "`out`" in str(refused.value)
 
 
-def test_an_svg_that_was_edited_since_is_somebody_elses(tmp_path: Path) -> None:
-    _, svg = save_figure(_drawing(), tmp_path / "line")
-    # A drawing program keeps the metadata and writes its own header.
-    svg.write_bytes(b'<?xml version="1.0"?>\n<svg ' + svg.read_bytes().split(b"<svg", 1)[1])
-    with pytest.raises(ConfigError):
-        save_figure(_drawing(), tmp_path / "line")
-
-
 @pytest.mark.parametrize("content", [b"", b"\x89PNG\r\n\x1a\n", b"\x89PNG\r\n\x1a\n\0\0\0\1tEXt", b"notes about cfid "])
 def test_any_other_file_of_that_name_is_somebody_elses(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "line.png").write_bytes(content)
@@ -97,3 +89,11 @@ assert dict(matplotlib.rcParams.copy()) == before
 assert "matplotlib.pyplot" not in sys.modules
 """
     subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)
+
+
+def test_an_svg_that_was_edited_since_is_somebody_elses(tmp_path: Path) -> None:
+    _, svg = save_figure(_drawing(), tmp_path / "line")
+    # A drawing program keeps the metadata and writes its own header.
+    svg.write_bytes(b'<?xml version="1.0"?>\n<svg ' + svg.read_bytes().split(b"<svg", 1)[1])
+    with pytest.raises(ConfigError):
+        save_figure(_drawing(), tmp_path / "line")

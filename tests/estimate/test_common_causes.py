@@ -44,20 +44,6 @@ TORQUE_PER_THRUST = 0.006
 NOISE_N, NOISE_NM, NOISE_RAD_S = 2e-4, 2e-6, 3.0
 
 
-def section_of(result: Result) -> Section:
-    """Return a result as a section of parameters.toml."""
-    return Section(
-        method="default",
-        found=datetime(2026, 11, 22, tzinfo=UTC),
-        cfid_version="0",
-        accepted=True,
-        sources=(),
-        parameters=result.quantities,
-        covariance=result.covariances,
-        common=result.common,
-    )
-
-
 def points(rng: np.random.Generator, errors: Mapping[str, float] = {}) -> Points:
     """Return the readings of a motor by instruments whose scales are wrong by `errors`."""
     thrust, speed = np.polyval(THRUST, COMMAND), np.polyval(SPEED, COMMAND)

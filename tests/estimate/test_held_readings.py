@@ -58,14 +58,6 @@ def test_of_readings_that_rows_repeat_the_first_rows_are_new(sensor: str, rows: 
     assert np.count_nonzero(new) > 0.95 * len(speed) / rows
 
 
-def test_readings_that_come_at_a_rate_of_their_own_count_from_their_first_row_on() -> None:
-    speed = following(tau_s=0.1)
-    shown = np.floor(np.arange(len(speed)) * 0.41) / 0.41  # two or three rows per reading
-    new = new_rows(SENSORS["fine"](speed)[shown.astype(int)], longest=LONGEST)
-
-    assert np.array_equal(np.flatnonzero(new), np.flatnonzero(np.diff(shown.astype(int), prepend=-1)))
-
-
 @pytest.mark.parametrize("rows", [1, 2, 5])
 def test_a_row_is_new_where_any_axis_of_a_sensor_changes(rows: int) -> None:
     axes = np.column_stack([SENSORS["coarse"](following(tau_s=tau_s)) for tau_s in (0.02, 0.1)])

@@ -1,6 +1,5 @@
 """Reduced staircases give back the simulated thrust of their rotors, with windows that are found automatically."""
 
-import dataclasses
 from collections.abc import Sequence
 from functools import cache
 from typing import Any
@@ -10,7 +9,8 @@ import numpy.typing as npt
 import pytest
 
 from cfid.errors import DataError, FitError
-from cfid.estimate.staircase import Point, Staircase, mean_in_windows, reduce_single, reduce_staircase
+from cfid.estimate.signals import find_spikes
+from cfid.estimate.staircase import Point, Staircase, prepared, reduce_single, reduce_staircase
 from cfid.motors.maps.data import reduce_thesis
 from cfid.sim.loadcell import SATURATED, LoadCellTruth
 from cfid.sim.propulsion import BatteryTruth, RotorTruth
@@ -108,16 +108,6 @@ def test_with_and_without_the_command_log_the_windows_are_the_same(kind: str, pa
     assert [point.end_s for point in seen] == pytest.approx([point.end_s for point in told], abs=0.05)
 
 
-def test_what_another_instrument_showed_is_averaged_as_much_earlier_as_thrust_came_late() -> None:
-    (point,) = reduced(record((30000,))).points
-    late = dataclasses.replace(point, begin_s=3.0, end_s=4.0, delay_s=0.5)
-    time_s = np.arange(0, 4, 0.25)
-
-    assert mean_in_windows([late], time_s, time_s) == pytest.approx([3.0])  # 2.5 to 3.5 s
-    assert mean_in_windows([dataclasses.replace(late, delay_s=None)], time_s, time_s) == pytest.approx([3.375])
-    assert np.isnan(mean_in_windows([late], time_s + 10, time_s)).all()
-
-
 def test_tare_drift_and_spikes_are_those_of_the_cell() -> None:
     found = record()
     staircase = reduced(found)
@@ -164,18 +154,6 @@ def test_a_step_that_never_settles_is_told_and_not_averaged() -> None:
         staircase.steady()
 
 
-@pytest.mark.parametrize("command", [4000, 34000, 64000])
-def test_a_file_of_one_command_between_two_pauses_needs_no_window(command: int) -> None:
-    found = record((command,), hold_s=6.0)
-    staircase = reduce_single(time_s=found.time_s, channels=found.wrench, command=command)
-    (point,) = staircase.points
-    _, (error,), (std,) = errors(found, [point])
-
-    assert (point.command, point.settled) == (command, True)
-    assert abs(error) < 3 * std
-    assert std < 2e-4
-
-
 def test_a_file_with_two_steps_asks_which_is_meant() -> None:
     found = record((20000, 40000))
     channels: dict[str, Any] = {"time_s": found.time_s, "channels": found.wrench}
@@ -196,12 +174,6 @@ def test_the_thesis_mean_is_that_of_prepare_data() -> None:
     assert found == pytest.approx(channel[100:151].mean() - channel[9:60].mean())
 
 
-@pytest.mark.parametrize(("from_s", "to_s"), [(-1.0, 5.0), (5.0, 30.0), (7.0, 6.0)])
-def test_a_thesis_window_outside_the_record_is_refused(from_s: float, to_s: float) -> None:
-    with pytest.raises(DataError, match="not within the record"):
-        reduce_thesis(np.arange(200) / 10, np.zeros(200), from_s=from_s, to_s=to_s)
-
-
 def spoiled(found: StandRecord, **change: Any) -> dict[str, Any]:
     given = {"time_s": found.time_s, "channels": found.wrench, "status": found.status}
     return {**given, "command_time_s": found.command_time_s, "commands": found.commands, **change}
@@ -215,6 +187,10 @@ def spoiled(found: StandRecord, **change: Any) -> dict[str, Any]:
         (lambda given: {"time_s": given["time_s"][:-1]}, "should be as many"),
         (lambda given: {"channels": np.where(given["time_s"][:, np.newaxis] == 1, np.nan, given["channels"])}, "no n"),
         (lambda given: {"commands": given["commands"] + [[0, 0, 0, 0], [1, 0, 0, 0], [0] * 4]}, "different commands"),
+        (lambda given: {"commands": given["commands"][1:]}, "as many rows of four"),
+        (lambda given: {"command_time_s": given["command_time_s"][::-1]}, "do not rise"),
+        (lambda given: {"commands": given["commands"] - [[0, 0, 1, 0]]}, "below zero"),
+        (lambda given: {"commands": given["commands"] + [[0, 0, np.nan, 0]]}, "no numbers"),
     ],
 )
 def test_records_that_cannot_be_reduced_are_refused(change: Any, expected: str) -> None:
@@ -287,3 +263,19 @@ def test_neither_the_sign_of_the_thrust_nor_the_layout_of_the_array_matters_and_
     np.testing.assert_allclose(
         [sign * point.mean for point in points], [point.mean for point in reduced(found).points], rtol=1e-9, atol=1e-12
     )
+
+
+def test_spikes_of_a_record_of_hours_are_those_of_the_whole() -> None:
+    """A million samples at 100 Hz and more are searched in parts; some spikes lie at the seams between parts."""
+    draw = np.random.default_rng(8)
+    count, seam = 2_300_000, -(-(1 << 20) // 64) * 64
+    value = draw.normal(0, 0.1, count)
+    at = np.unique([*draw.integers(3, count - 3, 200), *(seam + np.array([-65, -2, 0, 63]))])
+    value[at] += 5
+    found = prepared(np.arange(count) / 100, value[:, np.newaxis], status=None, thrust=0)
+    _, place, instead = find_spikes(value[np.newaxis], length=64)
+    value[place] = instead
+
+    assert found.spikes == len(place)
+    assert set(at) <= set(place.tolist())
+    np.testing.assert_allclose(found.value[0], value, rtol=0, atol=1e-12)

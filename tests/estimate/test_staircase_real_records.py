@@ -6,15 +6,12 @@ The stand reports its weight ten times a second, a quarter of a second after the
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 import pytest
 
 from cfid.errors import FitError
 from cfid.estimate.staircase import Point, Staircase, reduce_staircase
 from tests.places import DATA
-
-Array = npt.NDArray[np.float64]
 
 STAND = DATA / "bitcraze_2021"
 STEPS, RAMP = STAND / "cf21_stock2.csv", STAND / "cf2.1-stock-prop.csv"
