@@ -5,7 +5,6 @@ import math
 import re
 import shutil
 import subprocess
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +21,7 @@ from cfid.drag.thesis import Grouping
 from cfid.errors import DataError
 from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import RigFacts, WindStand, new_rig_text
+from tests.campaigns import Cfid
 from tests.drag.thesis_campaign import COMPLEX_AIR, EQ_4_11, NAMES, SIMPLE_AIR, WORLDS, exact
 from tests.drag.wind_in_a_folder import (
     DRIVEN,
@@ -38,7 +38,6 @@ from tests.drag.wind_in_a_folder import (
 )
 from tests.drag.wind_tunnel import CrossAir, Wind
 
-Cfid = Callable[..., subprocess.CompletedProcess[str]]
 Array = npt.NDArray[np.float64]
 
 TABLE = "command,angle_deg,vx_mps,vy_mps,vz_mps,speed_sum_rad_s,fx_n,fy_n,fz_n"

@@ -2,8 +2,6 @@
 
 import json
 import math
-import subprocess
-from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -16,13 +14,12 @@ from cfid.drag.plan import WindSetting, recorded
 from cfid.errors import DataError
 from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import LoadCellMount, RigFacts, Tachometer, WindStand, new_rig_text
-from cfid.records.run import DeviceRecord, Label, Run, read_run, write_header
-from cfid.records.run_writer import create_run
+from cfid.records.run import Run, read_run, write_header
 from cfid.sim.propulsion import BatteryTruth, RotorTruth, WindTruth
+from tests.campaigns import Cfid
 from tests.drag.wind_in_a_folder import MOUNT
 from tests.motors.stand_in_a_folder import BEGIN_S, COLUMNS, climbed, write_run
-
-Cfid = Callable[..., subprocess.CompletedProcess[str]]
+from tests.recordings.made import made_run
 
 COMMANDS = (20000, 40000)
 WINDS = (
@@ -31,14 +28,6 @@ WINDS = (
     WindTruth(angle_deg=48.4, speed_mps=2.9),
     WindTruth(angle_deg=77.9, speed_mps=3.6),
 )
-DEVICES = {
-    "commands": DeviceRecord(file="commands.csv", columns=("t", "m1", "m2", "m3", "m4")),
-    "loadcell": DeviceRecord.model_validate(
-        {"file": "loadcell.csv", "columns": COLUMNS, "counts_per_n": 1e6, "counts_per_nm": 1e6}
-    ),
-    "crazyflie": DeviceRecord(file="crazyflie.csv", columns=("t", "vehicle_ms", "pm.vbat")),
-    "readings": DeviceRecord(file="readings.csv", columns=("t", "command", "rpm")),
-}
 
 
 def shown_rpm(command: int) -> float:
@@ -63,29 +52,39 @@ def blown(
     windy = wind.speed_mps > 0
     low, high = 0.98 * wind.speed_mps, 1.02 * wind.speed_mps
     setting = WindSetting(angle_deg=wind.angle_deg if windy else None, fan_v=8.0, min_mps=low, max_mps=high)
-    run = create_run(
-        folder / "runs",
-        kind="wind",
-        label=Label(),
-        devices=DEVICES,
+    counts = dict(zip(COLUMNS[1:7], np.rint(record.wrench * 1e6).astype(np.int64).T, strict=True))
+    number = np.arange(1, len(speed_sum) + 1)
+    told = typed if windy else 0
+    motors = zip(("m1", "m2", "m3", "m4"), record.commands.astype(np.int64).T, strict=True)
+    return made_run(
+        folder,
+        "wind",
+        {
+            "commands": {"t": BEGIN_S + record.command_time_s, **dict(motors)},
+            "loadcell": {
+                "t": BEGIN_S + record.time_s,
+                **counts,
+                **dict(zip(COLUMNS[7:], (number, 7 * number, record.status.astype(np.int64)), strict=True)),
+            },
+            "crazyflie": {
+                "t": BEGIN_S + record.tick_s,
+                "vehicle_ms": np.rint(1e3 * record.tick_s).astype(np.int64),
+                "pm.vbat": np.round(record.volts, 3),
+            },
+            "readings": {
+                "t": BEGIN_S + np.array([2.9, 5.9])[:told],
+                "command": np.array(COMMANDS)[:told],
+                "rpm": np.array([shown_rpm(command) for command in COMMANDS])[:told],
+            },
+        },
+        scales={"loadcell": {"counts_per_n": 1e6, "counts_per_nm": 1e6}},
         started=datetime(2026, 11, 21, 8, int(10 * wind.speed_mps), tzinfo=UTC),
-        cfid_version="0",
         facts=facts,
         requested={
             **{"steps": COMMANDS, "motors": (1, 2, 3, 4), "hold_s": 2.0, "rest_s": 1.0, "resumes": resumes},
             **setting.to_run(),
         },
     )
-    number, ms = np.arange(1, len(speed_sum) + 1), np.rint(1e3 * record.tick_s).astype(np.int64)
-    counts = np.rint(record.wrench * 1e6).astype(np.int64)
-    run.append("commands", (BEGIN_S + record.command_time_s, *record.commands.astype(np.int64).T))
-    run.append("loadcell", (BEGIN_S + record.time_s, *counts.T, number, 7 * number, record.status.astype(np.int64)))
-    run.append("crazyflie", (BEGIN_S + record.tick_s, ms, np.round(record.volts, 3)))
-    if windy and typed:
-        at_s = np.array([2.9, 5.9])
-        columns = (BEGIN_S + at_s, np.array(COMMANDS), np.array([shown_rpm(c) for c in COMMANDS]))
-        run.append("readings", tuple(column[:typed] for column in columns))
-    return run.close("complete")
 
 
 @pytest.fixture

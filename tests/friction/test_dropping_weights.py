@@ -330,8 +330,9 @@ def test_a_speed_that_tends_far_beyond_what_was_seen_has_not_settled() -> None:
 def test_a_record_without_a_steady_fall_is_refused(
     change: Callable[[Array, Array], tuple[Array, Array]], window: dict[str, float], reason: str
 ) -> None:
+    time_s, angle = change(*fallen(40.0))
     with pytest.raises(DataError, match=reason):
-        measured(*change(*fallen(40.0)), 40.0, **window)
+        measured(time_s, angle, 40.0, **window)
 
 
 def test_friction_lies_within_its_intervals_19_times_in_20() -> None:
@@ -345,9 +346,9 @@ def test_friction_lies_within_its_intervals_19_times_in_20() -> None:
                 off = speed + rng.normal(0, 0.03 * COULOMB) / VISCOUS
                 drops.append(_settled_at(grams, off))
         found = fitted(drops)
-        off = (found.viscous_nms_per_rad or 0.0) - VISCOUS, (found.setup_inertia_kg_m2 or 0.0) - SETUP
-        covered.append(abs(off[0]) < 1.96 * (found.viscous_std or 0.0))
-        covered_inertia.append(abs(off[1]) < 1.96 * (found.setup_inertia_std or 0.0))
+        errors = (found.viscous_nms_per_rad or 0.0) - VISCOUS, (found.setup_inertia_kg_m2 or 0.0) - SETUP
+        covered.append(abs(errors[0]) < 1.96 * (found.viscous_std or 0.0))
+        covered_inertia.append(abs(errors[1]) < 1.96 * (found.setup_inertia_std or 0.0))
 
     assert 0.93 <= np.mean(covered) <= 0.97
     assert 0.93 <= np.mean(covered_inertia) <= 0.985  # a little wide, since the slope's share is common

@@ -3,18 +3,14 @@
 import json
 import math
 import shutil
-import subprocess
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from tests.campaigns import Cfid
 from tests.swing.swung import encoded, frequency_on, swung, written
-
-Cfid = Callable[..., subprocess.CompletedProcess[str]]
-
 
 MOUNTS = ("x", "y", "z", "xy", "xz", "yz")
 

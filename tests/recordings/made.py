@@ -42,7 +42,7 @@ def made_run(
     `scales` are what devices state besides; `more` are other arguments of `create_run`.
     """
     records = {
-        name: DeviceRecord(file=f"{name}.csv", columns=tuple(columns), **scales.get(name, {}))  # type: ignore[arg-type]
+        name: DeviceRecord(file=f"{name}.csv", columns=tuple(columns), **scales.get(name, {}))
         for name, columns in devices.items()
     }
     with create_run(

@@ -6,6 +6,7 @@ A rig has one disc, so its phase is the same in all of its swings.
 import math
 from collections.abc import Iterable, Mapping
 from functools import cache
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -121,7 +122,7 @@ def test_what_the_rig_states_of_its_cable_and_disc_sharpens_a_swing() -> None:
 @pytest.mark.parametrize(
     "imperfect", [{"release_deg": 45, "counts": 4096, "off": 4096 / 4000}, {"release_deg": 60, "cable": -0.04}]
 )
-def test_wrong_counts_per_turn_and_a_strong_spring_give_no_number(imperfect: dict[str, float]) -> None:
+def test_wrong_counts_per_turn_and_a_strong_spring_give_no_number(imperfect: dict[str, Any]) -> None:
     result = fitted(**imperfect)
 
     assert not result.accepted

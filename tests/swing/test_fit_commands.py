@@ -3,7 +3,6 @@
 import json
 import shutil
 import subprocess
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +14,7 @@ from cfid.records.rig_file import load_rig
 from cfid.sim.plants import Pendulum
 from cfid.sim.swing import draw_truth, pendulum
 from cfid.sim.truth import INERTIA_KG_M2
-from tests.campaigns import RECORDINGS_SEED
-
-Cfid = Callable[..., subprocess.CompletedProcess[str]]
+from tests.campaigns import RECORDINGS_SEED, Cfid
 
 AXES = ("x", "y", "z", "xy", "xz", "yz")
 C_1_4 = {

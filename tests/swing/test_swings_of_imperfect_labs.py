@@ -217,7 +217,8 @@ def test_the_table_of_imperfect_swings(
         fit = fit_swing(find_swing(time_s, encoded(angle, rng, eccentric_deg=eccentric_deg, phase_deg=phase_deg)))
         rejected += not fit.accepted
         found.append(error_and_std(fit, trial.frequency_squared_s2))
-    row = Row(name, *np.array(found).T, rejected=rejected)
+    errors, stds = np.array(found).T
+    row = Row(name, errors, stds, rejected=rejected)
     print(row)
 
     assert rejected < 0.02 * len(found)

@@ -364,7 +364,7 @@ def hovering(request: pytest.FixtureRequest) -> tuple[ParameterSet, FlownLog]:
 def wrong_sets(true: ParameterSet, *, moments: Sequence[float], lags: Sequence[float]) -> list[ParameterSet]:
     """Return sets whose moments or lags are these shares of the true ones."""
     assert true.lag is not None
-    of_moments = {share: tuple(share * moment for moment in true.moments_kg_m2) for share in moments}
+    of_moments = {share: tuple(share * np.array(true.moments_kg_m2)) for share in moments}
     of_lags = {share: ThrustLag(*(share * tau_s for tau_s in true.lag)) for share in lags}
     return [
         *(replace(true, name=f"moments {share}", moments_kg_m2=each) for share, each in of_moments.items()),
