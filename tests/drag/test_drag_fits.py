@@ -22,7 +22,7 @@ from cfid.errors import DataError
 from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import RigFacts, WindStand, new_rig_text
 from tests.campaigns import Cfid
-from tests.drag.thesis_campaign import COMPLEX_AIR, EQ_4_11, NAMES, SIMPLE_AIR, WORLDS, exact
+from tests.drag.thesis_campaign import COMPLEX_AIR, EQ_4_11, NAMES, SIMPLE_AIR, WORLDS, exact, measured
 from tests.drag.wind_in_a_folder import (
     DRIVEN,
     EQ_4_8,
@@ -313,3 +313,15 @@ def test_intercepts_and_the_bodys_own_drag_are_reported_and_the_complex_model_ta
     assert "drag.intercepts_n.complex" not in found
     assert body.value == pytest.approx([0, 0, 0], abs=1e-9)
     assert body.unit == "kg/m"
+
+
+def test_quantities_have_covariances_that_agree_with_their_uncertainties() -> None:
+    result = drag.fit(measured(SIMPLE_AIR, np.random.default_rng(3)))
+
+    assert [one.of for one in result.covariances] == [
+        ("drag.simple_kg_per_rad",),
+        ("drag.cross_coupling_kg_per_rad",),
+    ]
+    for one in result.covariances:
+        std = np.ravel(result.quantities[one.of[0]].std)
+        np.testing.assert_allclose(np.sqrt(np.diag(one.matrix)), std)

@@ -179,3 +179,26 @@ def test_a_model_that_explains_less_than_half_is_rejected_and_no_other() -> None
     assert finding.concerns("drag.sse_n2.simple")
     assert finding.concerns("drag.simple_kg_per_rad")
     assert not finding.concerns("drag.sse_n2.complex")
+
+
+def test_a_fault_of_one_reference_is_not_taken_for_drag_that_depends_on_the_command_alone() -> None:
+    experiments = measured(SIMPLE_AIR, np.random.default_rng(3))
+    off = 0.003 * (experiments.command == 30000)[:, np.newaxis] * np.array([0, 0, 1])
+
+    assert fit_models(replace(experiments, force_n=experiments.force_n + off)).chosen == "simple"
+
+
+def test_the_criterion_of_a_model_does_not_count_the_intercepts_of_its_fit() -> None:
+    experiments = measured(SIMPLE_AIR, np.random.default_rng(3))
+
+    assert fit_models(experiments, intercepts=True).bic == pytest.approx(fit_models(experiments).bic)
+
+
+def test_three_winds_at_one_angle_do_not_determine_the_cross_model_whatever_the_rounding() -> None:
+    experiments = measured(SIMPLE_AIR, np.random.default_rng(3), WINDS[5:8])
+    for times in range(4):
+        rounded = replace(experiments, force_n=experiments.force_n * (1 + 1e-13 * times))
+        models = fit_models(rounded)
+        (refused,) = [finding for finding in models.findings if finding.code == "drag-not-determined"]
+        assert refused.concerns("drag.cross_coupling_kg_per_rad")
+        assert models.bic == pytest.approx(fit_models(experiments).bic, rel=1e-9)

@@ -1,5 +1,6 @@
 """Reduced staircases give back the simulated thrust of their rotors, with windows that are found automatically."""
 
+import dataclasses
 from collections.abc import Sequence
 from functools import cache
 from typing import Any
@@ -10,7 +11,7 @@ import pytest
 
 from cfid.errors import DataError, FitError
 from cfid.estimate.signals import find_spikes
-from cfid.estimate.staircase import Point, Staircase, prepared, reduce_single, reduce_staircase
+from cfid.estimate.staircase import Point, Staircase, mean_in_windows, prepared, reduce_single, reduce_staircase
 from cfid.motors.maps.data import reduce_thesis
 from cfid.sim.loadcell import SATURATED, LoadCellTruth
 from cfid.sim.propulsion import BatteryTruth, RotorTruth
@@ -279,3 +280,13 @@ def test_spikes_of_a_record_of_hours_are_those_of_the_whole() -> None:
     assert found.spikes == len(place)
     assert set(at) <= set(place.tolist())
     np.testing.assert_allclose(found.value[0], value, rtol=0, atol=1e-12)
+
+
+def test_what_another_instrument_showed_is_averaged_as_much_earlier_as_thrust_came_late() -> None:
+    (point,) = reduced(record((30000,))).points
+    late = dataclasses.replace(point, begin_s=3.0, end_s=4.0, delay_s=0.5)
+    time_s = np.arange(0, 4, 0.25)
+
+    assert mean_in_windows([late], time_s, time_s) == pytest.approx([3.0])  # 2.5 to 3.5 s
+    assert mean_in_windows([dataclasses.replace(late, delay_s=None)], time_s, time_s) == pytest.approx([3.375])
+    assert np.isnan(mean_in_windows([late], time_s + 10, time_s)).all()

@@ -15,6 +15,7 @@ from cfid.flight.braking import fit_drag
 from cfid.flight.contradictions import velocity_findings
 from cfid.flight.data import at_rows, flight_of, read_flight
 from cfid.flight.estimation import CrossedError, first_parameters, fit_flights, refuse_still
+from cfid.flight.findings import Motion, findings_of, spacing_findings
 from cfid.flight.model import DELAY_S, DELAYS, THRUST, Equations, equations_of
 from cfid.flight.result import fit
 from cfid.flight.rows import LEVER, ROW_S, STEP_S, turned_back
@@ -817,3 +818,53 @@ def test_a_dead_gyro_costs_the_moments_and_no_traceback(flown: Flown) -> None:
     result = fit([replace(read, flight=dead)], body=body_of(vehicles, 0))
     assert "flight-moment-not-excited" in codes(result)
     assert not any(key.startswith("flight.inertia") for key in result.without_rejected().quantities)
+
+
+@pytest.mark.parametrize(
+    ("rows_of", "apart"),
+    [
+        ({"gyro": 10}, 1),
+        ({"motor": 5, "gyro": 5, "acc": 5}, 1),
+        ({"motor": 5}, 0),  # which could be the rate of an autopilot
+    ],
+)
+def test_readings_that_are_repeated_for_long_are_as_far_apart_as_rows_of_a_log_that_is_not_filled(
+    flown: Flown, rows_of: dict[str, float], apart: int
+) -> None:
+    assert len(spacing_findings(flight_of(repeating(flown[1][0], rows_of)))) == apart
+    with pytest.raises(DataError, match=r"readings 40 ms apart \(limit 21 ms\)"):
+        flight_of(repeating(flown[1][0], {"gyro": 20}))
+
+
+@pytest.mark.parametrize("fault", ["still", "backwards"])
+def test_what_rotors_hardly_did_about_yaw_costs_its_moment_alone(flown: Flown, fault: str) -> None:
+    vehicles, logs = flown
+    read = flight_of(logs[0])
+    fitted = fit_flights([read.flight])
+    values, covariance, blocks = fitted.values.copy(), fitted.covariance.copy(), fitted.blocks
+    if fault == "still":
+        covariance[-1, -1] = (3 * values[-1]) ** 2
+    else:
+        values[-1] *= -30
+        blocks = tuple((block, -30 * rotors if block.axis == 2 else rotors) for block, rotors in fitted.blocks)
+    other = replace(
+        fitted,
+        values=values,
+        covariance=covariance,
+        blocks=blocks,
+        excitation=fitted.excitation | ({"yaw": 0.3} if fault == "still" else {}),
+        feedback=np.array([0.0, 0.0, 20.0]),
+    )
+    findings = findings_of([read], other, {}, body_of(vehicles, 0))
+    (of_yaw,) = [one for one in findings if "flight.inertia_kg_m2.yaw" in one.quantities]
+    assert (of_yaw.code, of_yaw.quantities) == ("flight-moment-not-excited", ("flight.inertia_kg_m2.yaw",))
+
+
+@pytest.mark.parametrize(
+    ("explained", "unclear", "shows"), [(0.7, 0.02, True), (0.7, 0.08, False), (0.95, 0.08, True), (0.4, 0.02, False)]
+)
+def test_small_turns_show_a_moment_where_torques_explain_them_clearly(
+    explained: float, unclear: float, shows: bool
+) -> None:
+    """A vehicle of 1.5 kg never exceeds 5 rad/s^2 about yaw, and reactions to moving air are as small."""
+    assert Motion("yaw", 2.0, 5.0, explained, 0.05, unclear).tells == shows

@@ -30,7 +30,7 @@ def made_angle(time_s: Array, angle_rad: Array, *, name: str = "one", **more: An
 def made_run(
     folder: Path,
     kind: str,
-    devices: Mapping[str, Mapping[str, Array]],
+    devices: Mapping[str, Mapping[str, npt.NDArray[Any]]],
     *,
     label: Label = NO_LABEL,
     started: datetime = datetime(2026, 11, 21, 8, tzinfo=UTC),

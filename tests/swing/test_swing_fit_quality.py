@@ -80,3 +80,16 @@ def test_correlated_noise_widens_the_standard_uncertainty_and_white_noise_does_n
     ratio = second.std.natural_frequency_squared_s2 / first.std.natural_frequency_squared_s2
     assert 4 < ratio < 9  # sqrt(40) = 6.3
     assert first.residual_rms_rad == pytest.approx(second.residual_rms_rad, rel=0.1)
+
+
+def test_the_stated_uncertainty_of_the_zero_is_its_scatter_over_noise() -> None:
+    time_s, clean = recorded(viscous_nms_per_rad=1.5e-5, noise_rad=0.0)
+    rng = np.random.default_rng(12)
+    swings = [find_swing(time_s, clean + rng.normal(0, 1e-3, len(time_s)), peaks=6) for _ in range(24)]
+    fits = [fit_swing(one) for one in swings]
+    values = np.array([one.rest_rad + fit.coefficients.zero_rad for one, fit in zip(swings, fits, strict=True)])
+    stated = np.array([fit.std.zero_rad for fit in fits])
+
+    # A standard deviation of 24 values is uncertain by 15 %.
+    assert 0.55 < values.std(ddof=1) / stated.mean() < 1.45
+    assert abs(values.mean()) < 3 * stated.mean() / np.sqrt(24)
