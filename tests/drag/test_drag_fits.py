@@ -219,7 +219,7 @@ SPOILT: dict[str, tuple[Spoil, str]] = {
     "no lowest wind": (change(20000, WINDS[1], wind_min_mps=""), "wind.csv:9: '' in column 'wind_min_mps'"),
     "no command": (change(20000, WINDS[1], command="70000"), "command is 70000: it should be a whole number"),
     "a missing file": (change(20000, WINDS[1], loadcell="none.csv"), "none.csv: no such file."),
-    "a file twice": (change(20000, WINDS[1], loadcell=name_of(40000, WINDS[1])), "name it in one row."),
+    "a file twice": (change(20000, WINDS[1], loadcell=name_of(40000, WINDS[1])), "is the file of wind.csv:9 too"),
     "a copy of a file": (copy_file, "the same recording as"),
     "a file with nan": (spoil_file(NOISE + "6.0,1,nan,3,4,5,6\n" * 400), ".csv:2402: no number in Fx or Fy"),
     "motors that never ran": (spoil_file(NOISE), "20000.csv: the motors never run in this record"),
