@@ -52,17 +52,14 @@ def spread_as_read(air: Air, rng: np.random.Generator, winds: Sequence[Wind]) ->
 
 
 @pytest.mark.parametrize("name", ORDER)
-def test_the_true_model_is_chosen_in_three_campaigns_of_three(name: str) -> None:
-    assert choices(AIRS[name], 3, seed=3) == {name: 3}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ORDER)
-def test_the_true_model_is_chosen_at_least_nine_times_in_ten(name: str) -> None:
-    chosen = choices(AIRS[name], 300, seed=20261121)
+@pytest.mark.parametrize(
+    ("campaigns", "seed", "least"), [(3, 3, 3), pytest.param(300, 20261121, 270, marks=pytest.mark.slow)]
+)
+def test_the_true_model_is_chosen_at_least_nine_times_in_ten(name: str, campaigns: int, seed: int, least: int) -> None:
+    chosen = choices(AIRS[name], campaigns, seed=seed)
 
     print(name, dict(chosen))
-    assert chosen[name] >= 0.9 * 300
+    assert chosen[name] >= least
 
 
 @pytest.mark.slow

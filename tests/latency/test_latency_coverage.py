@@ -59,29 +59,24 @@ def rows(name: str, campaigns: int, *, count: int, seed: int) -> tuple[Row, Row]
     return Row(f"ping: mean, {kind}", mean, mean_std, 5e-3), Row(f"ping: skew, {kind}", rate, rate_std, 1e-2)
 
 
+QUICK = [
+    ("exponential", 1000),
+    ("gamma", 1000),
+    ("rounded", 300),
+    ("rounded", 1000),
+    ("bursts", 2000),
+    ("congestion", 2000),
+]
+# 500 pings of the others are too few to show how they are correlated, and are marked
+MANY = [("exponential", 500), ("gamma", 500), ("rounded", 300), *((name, 2000) for name in CHANNELS)]
+
+
 @pytest.mark.parametrize(
-    ("name", "count"),
-    [
-        ("exponential", 1000),
-        ("gamma", 1000),
-        ("rounded", 300),
-        ("rounded", 1000),
-        ("bursts", 2000),
-        ("congestion", 2000),
-    ],
+    ("name", "count", "campaigns"),
+    [*((*one, 100) for one in QUICK), *(pytest.param(*one, 1000, marks=pytest.mark.slow) for one in MANY)],
 )
-def test_round_trips_and_clocks_lie_within_their_intervals(name: str, count: int) -> None:
-    for row in rows(name, 100, count=count, seed=1):
-        print(row)
-        assert row.covers()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "count"), [("exponential", 500), ("gamma", 500), ("rounded", 300), *((name, 2000) for name in CHANNELS)]
-)  # 500 pings of the others are too few to show how they are correlated, and are marked
-def test_round_trips_and_clocks_cover_over_many_campaigns(name: str, count: int) -> None:
-    for row in rows(name, 1000, count=count, seed=2):
+def test_round_trips_and_clocks_lie_within_their_intervals(name: str, count: int, campaigns: int) -> None:
+    for row in rows(name, campaigns, count=count, seed=1 if campaigns == 100 else 2):
         print(row)
         assert row.covers()
 
