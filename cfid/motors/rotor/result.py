@@ -314,7 +314,7 @@ def _rows(rotor: _Rotor, *, is_log: bool) -> list[dict[str, object]]:
 
         tau_s = float(time_constant(fit.values)[0])
         std_s = float(std_of(propagated(time_constant, fit.values, covariance))[0])
-        row = {
+        row: dict[str, object] = {
             "cmd_from": begin,
             "cmd_to": end,
             "rising": rising,
