@@ -15,8 +15,6 @@ PAGE = ROOT / "docs" / "reference" / "findings.md"
 
 # Findings that reject one row of several: the result keeps the other rows, so for the result they are warnings.
 OF_A_ROW = {
-    *(),
-    *(),
     *("vibration-aliased", "vibration-lines-on-hum", "vibration-no-rotor", "vibration-octave-ambiguous"),
     "vibration-speed-drifts",
 }
