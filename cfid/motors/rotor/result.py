@@ -78,14 +78,14 @@ def fit(
     accepted = [one for one in rotors if not one.reasons] or rotors
     values, covariance = _mean(accepted)
     std = std_of(covariance)
-    ways = [way for way, key in enumerate(_WAYS) if any(one.fit.ways[way] for one in accepted)]
+    at_rad_s = float(np.mean([one.fit.at_rad_s for one in accepted]))
+    there = [way for way in range(2) if any(one.fit.ways[way] for one in accepted)]
+    rates = {way: _rate(values, covariance, way, at_rad_s) for way in there}
+    ways = [way for way, (rate, own_std) in rates.items() if own_std < _LOOSE * rate] or there
     shown = [_WAYS[way] for way in ways] + ["dynamics.delay_s"] + [SPEED_POLY] * recording.is_log
     quantities = {key: Parameter(value=values[_PLACES[key]].tolist(), std=std[_PLACES[key]].tolist()) for key in shown}
     quantities["dynamics.delay_s"] = Parameter(value=float(values[4]), std=float(std[4]))
     places = [place for key in shown for place in _PLACES[key]]
-    at_rad_s = float(np.mean([one.fit.at_rad_s for one in accepted]))
-    rates = {way: _rate(values, covariance, way, at_rad_s) for way in ways}
-    known = [way for way, (rate, std) in rates.items() if std < _LOOSE * rate]
 
     def drawings() -> Figures:
         from cfid.motors.rotor.figures import rotor_figure
@@ -102,7 +102,7 @@ def fit(
             _ROWS: Parameter(value=[row for one in rotors for row in _rows(one, is_log=recording.is_log)]),
             "dynamics.map": Parameter(value=[_map(one) for one in rotors if not one.reasons]),
         },
-        wanted=tuple(_WAYS[way] for way in known or ways),
+        wanted=tuple(_WAYS[way] for way in ways),
         covariances=covariance_between(
             {key: quantities[key].value for key in shown}, covariance[np.ix_(places, places)]
         ),
@@ -250,15 +250,15 @@ def _rate(values: Array, covariance: Array, way: int, at_rad_s: float) -> tuple[
 
 
 def _of_rates(rates: Mapping[int, tuple[float, float]], covariance: Array, at_rad_s: float) -> Iterator[Finding]:
-    """Yield a rejection for each way whose rate is not known, and a note where its parts are not."""
-    split = []
+    """Yield what a recording does not show: the rate of a way, or how the rate grows with the speed."""
+    split, known = [], any(std < _LOOSE * rate for rate, std in rates.values())
     for way, (rate, std) in rates.items():
         if not std < _LOOSE * rate:
             text = (
                 f"the time constant of {_WAYS[way].partition('.')[2]} speed is known only to {100 * std / rate:.0f} % "
                 f"(limit {100 * _LOOSE:.0f} %): command larger changes that way, or more of them."
             )
-            yield rejection("lag-not-excited", text, _WAYS[way])
+            yield note("lag-not-excited", text) if known else rejection("lag-not-excited", text, _WAYS[way])
         elif 2 * at_rad_s * math.sqrt(covariance[2 * way + 1, 2 * way + 1]) > _SPLIT * rate:
             split.append(_WAYS[way])
     if split:
