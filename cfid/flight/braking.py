@@ -21,6 +21,8 @@ _MEAN_ROWS = 10
 # intervals were too narrow.
 _PAST_MEANS = 1
 _FEWEST_MEANS = 32  # in a segment
+LEAST_SPEED_MPS = 0.3  # root mean square along an axis
+LEAST_EXPLAINED = 0.8  # of the horizontal specific force: else wind or a tilted sensor decides
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -37,6 +39,11 @@ class AxisDrag:
     speed: float
     velocity: Array
     force: Array
+
+    @property
+    def excited(self) -> bool:
+        """Whether the vehicle moved enough along the axis, and drag explains the force."""
+        return self.speed >= LEAST_SPEED_MPS and self.explained >= LEAST_EXPLAINED
 
 
 def fit_drag(flights: Sequence[Flight], *, axis: int) -> AxisDrag | None:

@@ -6,7 +6,7 @@ and everything is brought to the rows of a `Flight`, whose axes are x forward, y
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -19,9 +19,10 @@ from cfid.errors import ConfigError, DataError, FitError
 from cfid.estimate.held_readings import Readings, once_each
 from cfid.findings import Finding, finding, note, rejection, warning
 from cfid.flight.airborne import EDGE_S, in_air, late, without_touches
-from cfid.flight.rows import AXES, ROW_S, ROW_STEPS, STEP_S, Flight, segments, turned_back
+from cfid.flight.capture import motion_of, refuse_unlike_gyro, velocity_findings
+from cfid.flight.rows import AXES, ROW_S, ROW_STEPS, STEP_S, Flight, segments
 from cfid.recordings import supply
-from cfid.recordings.crazyflie import Timed, between, channel, findings_in, first_of, si_values, times_in
+from cfid.recordings.crazyflie import Timed, between, channel, findings_in, first_of, times_in
 from cfid.recordings.gyro import at_end_of_range
 from cfid.recordings.limits import (
     COMMANDS,
@@ -41,6 +42,7 @@ Mask = npt.NDArray[np.bool_]
 _Sensor = tuple[tuple[str, ...], tuple[float, ...], float | None]
 
 GYRO, ACCELEROMETER = "gyro", "accelerometer"
+_LATE_KEYS = {GYRO: "flight.delay_s", ACCELEROMETER: "flight.single_lag_s"}  # contain that readings are late
 _COMMANDS = ("motor.m{}", "pwm.m{}_pwm", "pwm.m{}", "control.m{}")
 _VOLTS = ("pm.vbat", "pm.vbatMV")
 _FURTHER = re.compile(r"(?:motor|control)\[(?:[4-9]|1\d)\]|(?:motor|pwm|control)\.m(?:[5-9]|1\d)")
@@ -64,13 +66,14 @@ _FORCES: tuple[_Sensor, ...] = (
     (("accSmooth[0]", "accSmooth[1]", "accSmooth[2]"), _UP, None),
     (_OF_PX4, _DOWN, None),
 )
-_VELOCITY, _QUATERNION = ("vx", "vy", "vz"), ("qw", "qx", "qy", "qz")  # of motion capture, in the world's axes
 
 _SLOWEST_S = 0.021  # the largest time between rows of a sensor: with more, changes of the rates are missed
 _OTHER_UNIT_S = 0.5  # between rows, 1000 times the longest that autopilots log
 _AVERAGED_S = ROW_S / 2  # between rows of a sensor: if they are closer, they are averaged
 _MOST_S = 600.0  # of a flight
 _AROUND_S = 5.0  # of rows that are kept before and after, for channels that are logged rarely
+_COMMANDS_APART_S = 0.005  # farther apart, the autopilot's commands in between are unknown
+_SENSORS_APART_S = 0.012  # for quantities that depend on how fast a sensor responds
 _HELD_S = 0.003  # the longest time for which commands are held without a finding: drives have steps of 2 ms
 _WRONG_SHARE = 0.1  # of the voltage's values: if more are wrong, the whole channel is not used
 _WEIGHT = (0.2, 5.0)  # of gravity: outside these limits, the accelerometer's unit or direction is another
@@ -87,18 +90,18 @@ _SAME_ROWS = 100  # rows of commands that suffice to recognize a flight
 class FlownLog:
     """A log with its flight, and findings about reading it.
 
-    `by_command` is the same flight with the commands relative to full command as its drives, whether the voltage is
-    known or not. `voltmeter` is the battery's voltage (k,) as logged, at times since the flight's first drive.
-    `apart_s` are the usual times between commands, between readings of the gyro and between readings of the
-    accelerometer.
+    `voltmeter` is the battery's voltage (k,) as logged, at times since the flight's first command.
     """
 
     log: Recording
     flight: Flight
-    by_command: Flight
     findings: tuple[Finding, ...]
-    apart_s: tuple[float, float, float]
     voltmeter: Timed | None = None
+
+    @property
+    def by_command(self) -> Flight:
+        """The flight with the commands relative to full command as its drives, whether the voltage is known or not."""
+        return self.flight if self.flight.volts is None else replace(self.flight, volts=None)
 
     @property
     def in_air_s(self) -> float:
@@ -146,15 +149,14 @@ def flight_of(
     timed_s = [signal.time_s for signal in (*commands, rates, forces)]
     begin_s, end_s = max(begin_s, *(time_s[0] for time_s in timed_s)), min(end_s, *(time_s[-1] for time_s in timed_s))
     _check_left(end_s - begin_s, log.path)
+    rates, of_rates = _first_rows(rates)
+    forces, of_forces = _first_rows(forces)
+    timed_s = [signal.time_s for signal in (*commands, rates, forces)]
     for time_s in timed_s:
         _check_spacing(time_s, log)
-    readings = {}
-    rates, readings[GYRO] = _first_rows(rates)
-    forces, readings[ACCELEROMETER] = _first_rows(forces)
-    for sensor in (rates, forces):
-        _check_spacing(sensor.time_s, log, "readings")
-    held_s = _held_s(commands, readings)
-    findings += [*_repeated_findings(readings), *_held_findings(held_s)]
+    findings += [*_sensor_findings(GYRO, rates, of_rates), *_sensor_findings(ACCELEROMETER, forces, of_forces)]
+    held_s, of_commands = _held_commands(commands, filled=bool(of_rates.age_s or of_forces.age_s))
+    findings += of_commands
 
     rows = int((end_s - begin_s) / ROW_S)
     row_s = np.asarray(begin_s + ROW_S * np.arange(rows), dtype=np.float64)
@@ -162,37 +164,41 @@ def flight_of(
     averaged = _apart_s(rates.time_s) < _AVERAGED_S
     command = np.column_stack([_held(motor, step_s) for motor in commands])
     force, rate = (at_rows(*sensor, row_s, averaged=averaged) for sensor in (forces, rates))
-    running = (command[::ROW_STEPS] > 0).all(axis=1)
+    of_rows = command[::ROW_STEPS]
+    running = (of_rows > 0).all(axis=1)
     _check_units(log.path, force[running], rates.value[np.interp(rates.time_s, row_s, running) == 1])
-    unseen = _in_gaps([signal.time_s for signal in (*commands, rates, forces)], row_s, findings)
-    airborne, driven = _flown(command, force, rate, unseen, findings, begin_s=begin_s - first_s[0])
-    velocity, attitude = _motion(log, row_s)
-    by_command = Flight(
+    unseen = _in_gaps(timed_s, row_s, findings)
+    airborne = in_air(of_rows, force, rate) & ~unseen
+    within = ~unseen & ((of_rows > DEAD_COMMAND) & (of_rows < FULL_COMMAND)).all(axis=1)
+    velocity, attitude = motion_of(log, row_s)
+    voltmeter = _voltmeter(log, begin_s, findings)
+    flight = Flight(
         name=log.path.stem,
-        drive=command / FULL_COMMAND,
+        command=command / FULL_COMMAND,
         rates=rate,
         force=force,
         airborne=airborne,
-        driven=driven,
-        beyond=_beyond(rates, row_s, driven, findings),
+        driven=airborne & ~late(~within, _SETTLING_S),
+        beyond=_beyond(rates, row_s),
         averaged=averaged,
-        in_volts=False,
         low_pass_hz=low_pass_hz,
-        ages_s=(readings[ACCELEROMETER].age_s, readings[GYRO].age_s),
+        ages_s=(of_forces.age_s, of_rates.age_s),
         held_s=held_s,
         velocity=velocity,
         attitude=attitude,
+        # In the middle of the step over which each command is averaged.
+        volts=None if voltmeter is None else np.interp(step_s - begin_s + STEP_S / 2, *voltmeter),
         props_out=log.facts.props_out is True,
     )
-    voltmeter = _voltmeter(log, begin_s, findings)
+    flight, touches = without_touches(flight, begin_s=begin_s - first_s[0])
+    refuse_unlike_gyro(log.path, flight)
+    findings += [*touches, *_clipped_findings(rates, flight), *velocity_findings(flight)]
     if log.facts.clock == "unknown":
         findings.append(finding("gyro-clock-undecided", "flight.inertia_kg_m2.*", "flight.*_s", "flight.drag*"))
     return FlownLog(
         log=whole,
-        flight=by_command if voltmeter is None else _in_volts(by_command, voltmeter),
-        by_command=by_command,
+        flight=flight,
         voltmeter=voltmeter,
-        apart_s=(_commands_apart_s(commands[0], readings), _apart_s(rates.time_s), _apart_s(forces.time_s)),
         findings=(*findings_in(whole), *(each.at(whole.path.name) for each in findings)),
     )
 
@@ -262,13 +268,13 @@ def _check_left(left_s: float, path: Path) -> None:
         raise ConfigError(f"{path}: {max(left_s, 0.0):.3g} s are left of the log (limit {2 * EDGE_S:g} s).")
 
 
-def _check_spacing(time_s: Array, log: Recording, what: str = "rows") -> None:
-    """Raise DataError for rows, or `what` they show, at times (n,) too far apart to follow rates."""
+def _check_spacing(time_s: Array, log: Recording) -> None:
+    """Raise DataError for readings at times (n,) too far apart to follow rates."""
     if len(time_s) < 2 or (apart_s := _apart_s(time_s)) <= _SLOWEST_S:
         return
     other = " If times are in a smaller unit, import the table with `unit`." if apart_s >= _OTHER_UNIT_S else ""
     raise DataError(
-        f"{log.path}: {what} {1e3 * apart_s:.0f} ms apart (limit {1e3 * _SLOWEST_S:.0f} ms): log motors, gyro and "
+        f"{log.path}: readings {1e3 * apart_s:.0f} ms apart (limit {1e3 * _SLOWEST_S:.0f} ms): log motors, gyro and "
         f"accelerometer every 10 ms at least (PX4: the high rate of SDLOG_PROFILE).{other}"
     )
 
@@ -355,83 +361,65 @@ def _possible(signal: Timed, limits: Limits, what: str, findings: list[Finding])
     return Timed(signal.time_s[~wrong], signal.value[~wrong])
 
 
-def _motion(log: Recording, at_s: Array) -> tuple[Array | None, Array | None]:
-    """Return velocity (m, 3) along the vehicle's axes and attitude (m, 4) of motion capture, None where there is none.
-
-    The attitude is the quaternion that turns the vehicle's axes to the world's.
-    """
-    for series in log.series.values():
-        if {*_VELOCITY, *_QUATERNION} <= set(series.names):
-            time_s = times_in(log, series)
-            velocity = np.column_stack([np.interp(at_s, time_s, si_values(series.column(name))) for name in _VELOCITY])
-            attitude = np.column_stack([series.column(name).values for name in _QUATERNION])
-            flips = np.cumprod(np.where(np.sum(attitude[1:] * attitude[:-1], axis=1) < 0, -1.0, 1.0))
-            attitude[1:] *= flips[:, np.newaxis]
-            attitude = np.column_stack([np.interp(at_s, time_s, column) for column in attitude.T])
-            attitude /= np.linalg.norm(attitude, axis=1)[:, np.newaxis]
-            return turned_back(attitude, velocity), attitude
-    return None, None
-
-
 def _first_rows(sensor: Timed) -> tuple[Timed, Readings]:
     """Return those rows of a sensor that have a new reading, and the counts of rows and readings."""
     new, readings = once_each(*sensor)
     return Timed(sensor.time_s[new], sensor.value[new]), readings
 
 
-def _repeated_findings(readings: Mapping[str, Readings]) -> list[Finding]:
-    """Return a note on each sensor whose readings are repeated."""
-    keys = {GYRO: "flight.delay_s", ACCELEROMETER: "flight.single_lag_s"}
-    return [
-        note(
-            "flight-readings-repeated",
-            f"the {sensor} has {each.read} readings in {each.rows} rows: the first row of each counts, and may show it "
-            f"up to {1e3 * each.age_s:.3g} ms late, for which the standard uncertainty of {keys[sensor]} contains "
-            f"{1e3 * each.age_s / math.sqrt(3):.2g} ms.",
-            keys[sensor],
+def _sensor_findings(sensor: str, signal: Timed, readings: Readings) -> list[Finding]:
+    """Return a note where rows repeat a sensor's readings, and a rejection where readings are far apart.
+
+    Readings at times (n,) that are far apart do not show how fast the sensor responds.
+    """
+    findings = []
+    key, apart_s, age_s = _LATE_KEYS[sensor], _apart_s(signal.time_s), readings.age_s
+    if age_s:
+        text = (
+            f"the {sensor} has {readings.read} readings in {readings.rows} rows: the first row of each counts, and may "
+            f"show it up to {1e3 * age_s:.3g} ms late, for which the standard uncertainty of {key} contains "
+            f"{1e3 * age_s / math.sqrt(3):.2g} ms."
         )
-        for sensor, each in readings.items()
-        if each.age_s
-    ]
+        findings.append(note("flight-readings-repeated", text, key))
+    if apart_s > _SENSORS_APART_S:
+        text = (
+            f"readings of the {sensor} are {1e3 * apart_s:.0f} ms apart (limit {1e3 * _SENSORS_APART_S:.0f} ms): lags "
+            "come out several per cent long, and moments small where it is the accelerometer. Log them every 10 ms at "
+            "least."
+        )
+        lost = ("flight.*_s", *(["flight.inertia_kg_m2.*"] * (sensor == ACCELEROMETER)))
+        findings.append(rejection("flight-rows-apart", text, *lost))
+    return findings
 
 
-def _commands_apart_s(motor: Timed, readings: Mapping[str, Readings]) -> float:
-    """Return the usual time between commands.
+def _held_commands(commands: Sequence[Timed], *, filled: bool) -> tuple[float, list[Finding]]:
+    """Return the time for which motors' commands are repeated, 0 if they are not, and findings on their distance.
 
-    Where both the readings of a sensor and the commands are repeated, rows of the log were filled in, and the commands
-    in between were not logged. If every row has a new reading of each sensor, it was the autopilot that held the
-    commands.
+    In a `filled` log, sensors' readings are repeated too, so that the commands in between were not logged. If each row
+    has a new reading, the log does not show whether the autopilot holds the commands or only the log does.
     """
-    time_s = motor.time_s
-    if any(each.age_s for each in readings.values()):
-        time_s = time_s[once_each(*motor)[0]]
-    return _apart_s(time_s)
-
-
-def _held_s(commands: Sequence[Timed], readings: Mapping[str, Readings]) -> float:
-    """Return the time for which motors' commands are repeated while each row has a new reading, 0 if they are not.
-
-    The log does not show whether the autopilot holds the commands or only the log does.
-    """
-    if any(each.age_s for each in readings.values()):
-        return 0.0
     time_s = commands[0].time_s
-    same_series = [motor.value for motor in commands if len(motor.time_s) == len(time_s)]
-    _, counts = once_each(time_s, np.column_stack(same_series))
-    held_s = counts.age_s * counts.rows / max(counts.read, 1)
-    return held_s if held_s > _HELD_S else 0.0
-
-
-def _held_findings(held_s: float) -> list[Finding]:
-    if not held_s:
-        return []
+    same_series = np.column_stack([motor.value for motor in commands if len(motor.time_s) == len(time_s)])
+    new, readings = once_each(time_s, same_series)
+    changed_s = _apart_s(time_s[new])
+    apart_s = changed_s if filled else _apart_s(time_s)
+    findings = []
+    if apart_s > _COMMANDS_APART_S:
+        text = (
+            f"commands are {1e3 * apart_s:.0f} ms apart (limit {1e3 * _COMMANDS_APART_S:.0f} ms): those between are "
+            "not seen, and lags come out up to twice as long. Log them at 500 Hz for lags."
+        )
+        findings.append(rejection("flight-rows-apart", text, "flight.*_s"))
+    if filled or not readings.age_s or changed_s <= _HELD_S:
+        return 0.0, findings
     text = (
-        f"commands are repeated for {1e3 * held_s:.2g} ms, while sensors go on. If the log alone holds them, and the "
-        f"autopilot changes them more often, delays come out up to {1e3 * held_s / 2:.2g} ms short, and lags some per "
-        f"cent long: the standard uncertainty of flight.delay_s contains {1e3 * held_s / 2 / math.sqrt(3):.2g} ms for "
-        "that. Log every command."
+        f"commands are repeated for {1e3 * changed_s:.2g} ms, while sensors go on. If the log alone holds them, and "
+        f"the autopilot changes them more often, delays come out up to {1e3 * changed_s / 2:.2g} ms short, and lags "
+        "some per cent long: the standard uncertainty of flight.delay_s contains "
+        f"{1e3 * changed_s / 2 / math.sqrt(3):.2g} ms for that. Log every command."
     )
-    return [warning("flight-commands-held", text, "flight.delay_s", "flight.rising_s", "flight.falling_s")]
+    lost = "flight.delay_s", "flight.rising_s", "flight.falling_s"
+    return changed_s, [*findings, warning("flight-commands-held", text, *lost)]
 
 
 def _held(motor: Timed, at_s: Array) -> Array:
@@ -478,53 +466,36 @@ def _in_gaps(timed_s: Sequence[Array], row_s: Array, findings: list[Finding]) ->
     return unseen
 
 
-def _flown(
-    command: Array, force: Array, rate: Array, unseen: Mask, findings: list[Finding], *, begin_s: float
-) -> tuple[Mask, Mask]:
-    """Return the rows (m,) in the air, and those among them at which all motors have been within their range.
-
-    `begin_s` is the time of the first row in the log.
-    """
-    of_rows = command[::ROW_STEPS]
-    airborne, touches = without_touches(
-        in_air(of_rows, force, rate) & ~unseen,
-        ~late(unseen, _SETTLING_S),
-        command,
-        force[:, 2],
-        begin_s=begin_s,
-    )
-    findings += touches
-    within = ~unseen & ((of_rows > DEAD_COMMAND) & (of_rows < FULL_COMMAND)).all(axis=1)
-    return airborne, airborne & ~late(np.asarray(~within), _SETTLING_S)
+def _beyond(rates: Timed, row_s: Array) -> Mask:
+    """Return the rows (m,) at which a gyro was at an end of its range."""
+    at_s = rates.time_s[_at_ends(rates.value).any(axis=1)]
+    return np.searchsorted(at_s, row_s + _AT_END_S) > np.searchsorted(at_s, row_s - _AT_END_S)
 
 
-def _beyond(rates: Timed, row_s: Array, driven: Mask, findings: list[Finding]) -> Mask | None:
-    """Return rows (m,) at which a gyro was at an end of its range, None if it never was; they are in `findings`.
+def _at_ends(rates: Array) -> Mask:
+    """Return which rates (n, 3) are those of an end of the gyro's range."""
+    return np.column_stack([at_end_of_range(rate, rate) | at_end_of_range(rate, -rate) for rate in rates.T])
 
-    Where less than 5 s of the rows that are `driven` (m,) would remain, the quantities that depend on rates are
-    rejected.
-    """
-    ends = np.column_stack([at_end_of_range(rate, rate) | at_end_of_range(rate, -rate) for rate in rates.value.T])
-    at_s = rates.time_s[ends.any(axis=1)]
-    if not len(at_s):
-        return None
-    beyond = np.searchsorted(at_s, row_s + _AT_END_S) > np.searchsorted(at_s, row_s - _AT_END_S)
+
+def _clipped_findings(rates: Timed, flight: Flight) -> list[Finding]:
+    """Return a finding where a gyro reached an end of its range; a rejection where less than 5 s are left."""
+    ends = _at_ends(rates.value)
+    if not ends.any():
+        return []
     reached = ", ".join(
         f"{np.degrees(np.abs(rate).max()):.0f} deg/s about {axis}"
         for axis, rate, end in zip(AXES, rates.value.T, ends.T, strict=True)
         if end.any()
     )
-    rows = sum(each.stop - each.start for each in segments(driven & ~beyond))
+    rows = sum(each.stop - each.start for each in segments(flight.rates_known))
     text = (
-        f"the gyro reached {reached}, the end of its range: {ROW_S * np.count_nonzero(beyond):.3g} s are left out of "
-        f"what rests on rates, and {ROW_S * rows:.1f} s are left (at least {ROW_S * _FEWEST:g} s). Set a larger range, "
-        "or turn slower."
+        f"the gyro reached {reached}, the end of its range: {ROW_S * np.count_nonzero(flight.beyond):.3g} s are left "
+        f"out of what rests on rates, and {ROW_S * rows:.1f} s are left (at least {ROW_S * _FEWEST:g} s). Set a larger "
+        "range, or turn slower."
     )
     if rows < _FEWEST:
-        findings.append(rejection("flight-gyro-clipped", text, "flight.inertia_kg_m2.*", "flight.*_s"))
-    else:
-        findings.append(warning("flight-gyro-clipped", text, "flight.inertia_kg_m2.*"))
-    return beyond
+        return [rejection("flight-gyro-clipped", text, "flight.inertia_kg_m2.*", "flight.*_s")]
+    return [warning("flight-gyro-clipped", text, "flight.inertia_kg_m2.*")]
 
 
 def _voltmeter(log: Recording, begin_s: float, findings: list[Finding]) -> Timed | None:
@@ -536,29 +507,16 @@ def _voltmeter(log: Recording, begin_s: float, findings: list[Finding]) -> Timed
     if name is None:
         return None
     time_s, volts = channel(log, name)
-    there, wrong = np.isfinite(volts), supply.impossible(volts)
-    if np.count_nonzero(wrong) >= _WRONG_SHARE * np.count_nonzero(there):
+    known, wrong = np.isfinite(volts), supply.impossible(volts)
+    count, used = int(np.count_nonzero(wrong)), known & ~wrong
+    unusable = count >= _WRONG_SHARE * np.count_nonzero(known)
+    if count or unusable:
         low, high = supply.RANGE_V
-        values = f"{float(np.median(volts[wrong])):.4g} V" if there.any() else "no number"
+        first = f", the first {float(volts[np.argmax(wrong)]):.4g} V," if count else ""
         text = (
-            f"'{name}' is {values}, where a battery has {low:g} to {high:g} V: no voltage is used. State its unit in "
-            "the header of a table, as in pm.vbat [mV]."
+            f"{counted(count, 'value')} of '{name}'{first} cannot be a battery's ({low:g} to {high:g} V) or are far "
+            f"off the others, {counted(int(np.count_nonzero(used)), 'value')} can: "
         )
+        text += "no voltage is used. State its unit, as in pm.vbat [mV]." if unusable else "the former are left out."
         findings.append(warning("recording", text))
-        return None
-    if wrong.any():
-        values, usual = counted(int(np.count_nonzero(wrong)), "value"), float(np.median(volts[there & ~wrong]))
-        text = (
-            f"{values} of '{name}', the first {float(volts[np.argmax(wrong)]):.4g} V, where the others are about "
-            f"{usual:.3g} V: left out."
-        )
-        findings.append(warning("recording", text))
-    known = there & ~wrong
-    return Timed(time_s[known] - begin_s, volts[known])
-
-
-def _in_volts(flight: Flight, voltmeter: Timed) -> Flight:
-    """Return a flight whose drives are commands times the battery's volts (k,), at times since its first drive."""
-    at_s = STEP_S * (np.arange(len(flight.drive)) + 0.5)  # the middle of the step over which each command is averaged
-    volts = np.interp(at_s, *voltmeter)
-    return replace(flight, drive=flight.drive * volts[:, np.newaxis], in_volts=True, volts=volts)
+    return None if unusable else Timed(time_s[used] - begin_s, volts[used])

@@ -12,7 +12,6 @@ from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import OptimizeResult, least_squares
 
 from cfid.errors import FitError
 from cfid.estimate.linear import gain_of, sandwich, std_of
@@ -47,15 +46,15 @@ _SMOOTH = 10  # rows over which noise is averaged before judging how much is exp
 _PART = 500  # rows: 5 s, after which a flight's manoeuvres are different ones
 _OLDER = 2  # rows, so that the difference of errors and the instrument have no row in common
 
-_QUICKEST_S, _SLOWEST_S = 5e-3, 1.0  # limits of a lag
-_EARLIEST_S, _LATEST_S = -0.02, 0.05  # limits of a delay
+# Limits of the parameters: two time constants from 5 ms to 1 s, and two delays from -20 to 50 ms.
+_LEAST = np.array([5e-3, 5e-3, -0.02, -0.02, *[-np.inf] * 6])
+_MOST = np.array([1.0, 1.0, 0.05, 0.05, *[np.inf] * 6])
 _STARTS_S = (0.02, 0.04, 0.07, 0.12)
 # Delays of an accelerometer with a filter of 10 Hz, and the least gain in fit for them; usual accelerometers have 0.9
 # to 1.1.
 _LATE_S, _CLEARLY = (0.02, 0.035), 1.4
 _MOST_ROUNDS = 100  # in which noise and parameters are estimated alternately
-_WHOLE_ROUNDS = 3  # at first, because single steps from far away can end elsewhere
-_STEPS = 5  # evaluations in a round
+_MORE = 1.4  # times the share of a step, where it goes on as the last one: twice as much would alternate again
 _SETTLED = 0.05  # standard uncertainties: the largest change of a parameter in the last round
 
 _GRID_S = ROW_S / 24  # the error of lags: in calm air they are 0.3 to 0.4 ms too long, with steps of 2 and 3.3 ms
@@ -73,13 +72,6 @@ _TRIED = 0.5  # of such a share: the change over which its slope is taken
 
 _CROSSED = 0.2  # of the largest gain: public logs have 0.04 at most, axes rotated by 12 degrees have 0.2
 _SIGNIFICANT = 4.0  # standard uncertainties
-# The least gain of the other axis's torque relative to that of the axis's own torque after a quarter turn; after an
-# eighth of a turn, both are equal.
-_MOSTLY = 2.0
-CROSSED = (
-    "commanded torques turn the vehicle about other axes than their own: the axes are not x forward, y left, z up, or "
-    "motors have other numbers than front right, rear right, rear left, front left."
-)
 
 
 class CrossedError(FitError):
@@ -149,11 +141,10 @@ def _fitted(flights: tuple[Flight, ...]) -> FlightFit:
         )
     equations = Equations([equations_of(flight) for flight in flown])
     begin = first_parameters(equations)
-    _refuse_quarter_turn(equations, begin)
-    equations, result = settled(equations, begin)
-    jacobian, residual = np.asarray(result.jac), np.asarray(result.fun)
-    equations, step, slopes, left = _with_shares(equations, with_constant(result.x), jacobian, residual)
-    values, residual = with_constant(result.x + step), left[: len(residual)]
+    _refuse_crossed(equations, begin)
+    equations, values, jacobian, residual = settled(equations, begin)
+    equations, step, slopes, left = _with_shares(equations, values, jacobian, residual)
+    values, residual = values + with_constant(step), left[: len(residual)]
     covariance = covariance_of(slopes, left, [white.basis for white in equations.white])[: len(step), : len(step)]
     covariance = np.apply_along_axis(with_constant, 1, np.apply_along_axis(with_constant, 0, covariance))
     excess = excess_of_older_torques(jacobian, residual, equations.white)
@@ -203,7 +194,8 @@ def fit_alone(flight: Flight) -> FlightFit | None:
         return None
 
 
-def roughly_fitted(flights: Sequence[Flight]) -> Fitted:
+@lru_cache(8)
+def roughly_fitted(*flights: Flight) -> Fitted:
     """Return equations with the rotors' contributions at the first parameters, of coarse lags: fast, but not exact."""
     equations = Equations([equations_of(flight) for flight in flights])
     p = first_parameters(equations)
@@ -217,7 +209,7 @@ def refuse_still(flights: Sequence[Flight]) -> None:
     """
     least = EXPLAINED / 2  # half, because lags are tried by factors of two
     flown = [flight for flight in flights if segments(flight.driven)]
-    most = max((explained_of(roughly_fitted([flight]), None) for flight in flown), default=least)
+    most = max((explained_of(roughly_fitted(flight), None) for flight in flown), default=least)
     if most < least:
         raise FitError(
             f"thrust is not excited: rotors explain {100 * most:.0f} % of the vertical force (at least "
@@ -241,7 +233,26 @@ def explained_of(fitted: Fitted, axis: int | None) -> float:
     return float(1 - np.var(left) / max(float(np.var(whole)), 1e-300))
 
 
-def crossing_of(fitted: Fitted, p: Array) -> tuple[Array, Array]:
+def _refuse_crossed(equations: Equations, p: Array) -> None:
+    """Raise CrossedError where torques turn the vehicle about other axes than their own, by the gains of coarse lags.
+
+    Torques about yaw turn it about another axis, or those about roll and pitch about each other.
+    """
+    fitted = [(block, fitted_in(block, p)) for block in equations.at(p)]
+    if explained_of(fitted, None) < EXPLAINED / 2:
+        return
+    gains, stds = _crossing_of(fitted, p)
+    roll, pitch, yaw = range(len(AXES))
+    largest = float(np.max(np.abs(gains[:yaw, :yaw])))
+    foreign = (np.abs(gains) > _CROSSED * largest) & (np.abs(gains) > _SIGNIFICANT * stds)
+    if foreign[:yaw, yaw].any() or (foreign[roll, pitch] and foreign[pitch, roll]):
+        raise CrossedError(
+            "commanded torques turn the vehicle about other axes than their own: the axes are not x forward, y left, "
+            "z up, or motors have other numbers than front right, rear right, rear left, front left."
+        )
+
+
+def _crossing_of(fitted: Fitted, p: Array) -> tuple[Array, Array]:
     """Return the gains (3, 3) from torques about roll, pitch and yaw (columns) to rates (rows), and their std.
 
     They are in the units of `FlightFit.values[TURNS]`, with the lags and delays of parameters (10,).
@@ -261,28 +272,6 @@ def crossing_of(fitted: Fitted, p: Array) -> tuple[Array, Array]:
         longest = max(len(data) // (8 * len(of_axis)), 10)
         stds[axis] = std_of(sandwich(of_all, data - of_all @ gains[axis], longest=longest))
     return gains, stds
-
-
-def is_crossed(gains: Array, stds: Array) -> bool:
-    """Return whether torques turn the vehicle about other axes than their own: yaw about another, or roll and pitch."""
-    roll, pitch, yaw = range(len(AXES))
-    largest = float(np.max(np.abs(gains[:yaw, :yaw])))
-    foreign = (np.abs(gains) > _CROSSED * largest) & (np.abs(gains) > _SIGNIFICANT * stds)
-    return bool(foreign[:yaw, yaw].any() or (foreign[roll, pitch] and foreign[pitch, roll]))
-
-
-def _refuse_quarter_turn(equations: Equations, p: Array) -> None:
-    """Raise CrossedError where roll torque turns the vehicle about pitch and vice versa: no fit would converge.
-
-    The first parameters (10,), with coarse lags, suffice to show this.
-    """
-    fitted = [(block, fitted_in(block, p)) for block in equations.at(p)]
-    if explained_of(fitted, None) < EXPLAINED:
-        return
-    gains, stds = crossing_of(fitted, p)
-    own, other = np.abs(np.diag(gains)[:2]), np.abs([gains[1, 0], gains[0, 1]])
-    if np.all(other > _MOSTLY * own) and gains[0, 1] * gains[1, 0] < 0 and is_crossed(gains, stds):
-        raise CrossedError(CROSSED)
 
 
 def first_parameters(equations: Equations) -> Array:
@@ -309,57 +298,33 @@ def first_parameters(equations: Equations) -> Array:
     return nearest
 
 
-def settled(equations: Equations, p: Array) -> tuple[Equations, OptimizeResult]:
+def settled(equations: Equations, p: Array) -> tuple[Equations, Array, Array, Array]:
     """Return the equations whitened by the noise that they leave, and their solution: each is found from the other.
 
-    In calm air and with an instrument that is mostly noise, a round moves some parameters by many standard
-    uncertainties at first. Away from the solution, past errors contain the effects of the rotors and absorb most of a
+    The solution is parameters (10,), and slopes (n, 9) and residuals (n,) of the whitened errors. Each round is a step
+    by Gauss and Newton. Away from the solution, past errors contain the effects of the rotors and absorb most of a
     parameter's change, so that a step goes too far: full steps can alternate forever between two states on either side
-    of the solution. Where a step reverses the last one, the likeliest share of it is taken. Raises FitError where the
-    parameters do not converge.
+    of the solution. Where a step reverses the last one, half of its share is taken, else more. Raises FitError where
+    the parameters do not converge although rotors explain the vertical force.
     """
-    last = np.zeros(TURNS.stop - 1)
-    for place in range(_MOST_ROUNDS):
+    last, share = np.zeros(TURNS.stop - 1), 1.0
+    for _ in range(_MOST_ROUNDS):
         equations = equations.whitened(p)
-        begin = _without_constant(p)
-        result = _improved(equations, begin, _without_constant(_scales(p)), whole=place < _WHOLE_ROUNDS)
-        step, std = np.asarray(result.x) - begin, np.linalg.norm(gain_of(np.asarray(result.jac)), axis=1)
-        if np.all(np.abs(step) <= _SETTLED * std):
-            return equations, result
-        moved = step / np.maximum(std, 1e-300)
-        turned_back = float(moved @ last) < 0
-        share = equations.likeliest(p, with_constant(step)) if turned_back else 1.0
-        p, last = with_constant(begin + share * step), share * moved
+        slopes, residual = _without_constant(equations.jacobian(p)), equations.residual(p)
+        gain = gain_of(slopes)
+        step = np.clip(p + with_constant(-gain @ residual), _LEAST, _MOST) - p
+        moved = _without_constant(step) / np.maximum(np.linalg.norm(gain, axis=1), 1e-300)
+        if np.all(np.abs(moved) <= _SETTLED):
+            return equations, p, slopes, residual
+        share = share / 2 if moved @ last < 0 else min(_MORE * share, 1.0)
+        p, last = p + share * step, moved
+    if explained_of([(block, fitted_in(block, p)) for block in equations.at(p)], None) < EXPLAINED:
+        return equations, p, slopes, residual  # a finding rejects thrust and moments then; drag does not rest on them
     raise FitError(
         f"noise and parameters, found in turn, do not come to rest in {_MOST_ROUNDS} rounds: the flight's noise "
         "changes, or it does not tell lag, delays and moments apart. Fit a part of it (`from_s`, `to_s`), or fly "
         "quicker manoeuvres."
     )
-
-
-def _improved(equations: Equations, begin: Array, scales: Array, *, whole: bool) -> OptimizeResult:
-    """Return better parameters (9,) than `begin` (9,): the least-squares solution for a `whole` round, else one step.
-
-    The whitening changes after each round, so near the solution more than one step per round is of no use. A step that
-    does not reduce the errors is shortened.
-    """
-    for most in (_STEPS,) if whole else (2, _STEPS):  # evaluations, one of them at the start
-        result = least_squares(
-            lambda free: equations.residual(with_constant(free)),
-            begin,
-            lambda free: _without_constant(equations.jacobian(with_constant(free))),
-            bounds=(
-                [_QUICKEST_S, _QUICKEST_S, _EARLIEST_S, _EARLIEST_S, *[-np.inf] * 5],
-                [_SLOWEST_S, _SLOWEST_S, _LATEST_S, _LATEST_S, *[np.inf] * 5],
-            ),
-            x_scale=scales,
-            xtol=1e-5,
-            ftol=1e-7,
-            max_nfev=most,
-        )
-        if result.status != 0 or np.any(result.x != begin):
-            break
-    return result
 
 
 def _with_shares(
@@ -480,12 +445,6 @@ def _excitation(fitted: Fitted) -> dict[str, float]:
 def _start(tau_s: float, of_force_s: float, of_rates_s: float) -> Array:
     """Return parameters (10,) with this lag for rising and falling drives, these delays, and no thrust."""
     return np.concatenate([[tau_s, tau_s, of_force_s, of_rates_s], np.zeros(6)])
-
-
-def _scales(p: Array) -> Array:
-    """Return the scales of the parameters (10,)."""
-    thrust = np.full(3, max(float(np.max(np.abs(p[THRUST]))), 1e-6))
-    return np.concatenate([p[LAGS], [DELAY_S, DELAY_S], thrust, np.maximum(np.abs(p[TURNS]), 1e-3)])
 
 
 def with_constant(free: npt.ArrayLike) -> Array:

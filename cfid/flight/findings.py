@@ -1,6 +1,8 @@
-"""Judge what a flight cannot determine, and collect what contradicts the stated axes, motors and times.
+"""Judge flights: what they cannot determine, and what contradicts the stated axes, units, motors and times.
 
-Rotors have to move a flight enough to show thrust and moments: else its autopilot only responds to the air.
+Rotors have to move a flight enough to show thrust and moments: else its autopilot only responds to the air. Sensors are
+compared with each other, with motion capture in the same log, and with what every quadrocopter has. What is wrong is
+named, with the numbers; what caused it is for the reader to find.
 """
 
 import math
@@ -8,24 +10,24 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from cfid.findings import Finding, note, rejection, warning
-from cfid.flight.braking import AxisDrag
-from cfid.flight.contradictions import (
-    agreement_findings,
-    arm_findings,
-    crossing_findings,
-    delay_findings,
-    square_findings,
-    turning_findings,
-    velocity_findings,
-    weight_findings,
-)
+from cfid.flight.braking import LEAST_EXPLAINED, LEAST_SPEED_MPS, AxisDrag
 from cfid.flight.data import FlownLog
-from cfid.flight.estimation import CLIMB, EXPLAINED, FlightFit, explained_of
-from cfid.flight.model import THRUST, TURNS
-from cfid.flight.rows import AXES, ROW_S
+from cfid.flight.estimation import (
+    CLIMB,
+    EXPLAINED,
+    FlightFit,
+    explained_of,
+    roughly_fitted,
+)
+from cfid.flight.model import DELAYS, THRUST, TURNS
+from cfid.flight.rows import AXES, LEVER, ROW_S, Flight, segments
 from cfid.flight.values import DELAY, MOMENTS, SINGLE, TIMES, Body, lever_m, thrust_key, times_of
+from cfid.units import MOTORS, USUAL_GRAVITY_MPS2
+
+Array = npt.NDArray[np.float64]
 
 LOOSE = 0.1  # of a value: the largest accepted standard uncertainty
 LEAST_LIFT_MPS2 = 1.0  # root mean square of the rotors' vertical effect; see docs/decisions/0022
@@ -36,19 +38,25 @@ CLEAR, _CLEAR_S = 0.06, 20.0
 # The part of the sensor's variance from which air matters little, however small the rotors' effect is. Simulated
 # flights with gentle tilts, 1 to 5 rad/s^2, have 0.99 for rates and 0.95 for the force, those that hover 0.8 at most.
 CALM = 0.9
-_COMMANDS_APART_S = 0.005  # farther apart, the autopilot's commands in between are unknown
-_SENSORS_APART_S = 0.012  # for quantities that depend on how fast a sensor responds
 _FED_BACK = 0.03  # of a moment: above it, a warning states how much older torques would change it
 # The least change of a rate by torques: with less, older torques show noise alone. A smoothed gyro has 1.4 to 2.2.
 _STILL_RAD_PER_S2 = 0.5
-_LEAST_SPEED_MPS = 0.3  # root mean square along an axis
-_EXPLAINED_DRAG = 0.8  # of the horizontal specific force: else wind or a tilted sensor decides
-_DRAG = "flight.drag_over_mass_per_s.*", "flight.drag_kg_per_s.*"
 _MANOEUVRES = {
     "roll": "tilt quickly to the right and left, several times a second, for 20 s",
     "pitch": "tilt quickly forward and back, several times a second, for 20 s",
     "yaw": "turn quickly left and right about the vertical for 20 s",
 }
+
+# Limits on the mean force of a flight, in g: less does not carry it, more means steep flight; public logs have 1.01 to
+# 1.05.
+_LIGHTEST, _HEAVIEST = 0.9, 1.3
+_TILTED_DEG = 6.0  # public logs: 0.2 to 1.0
+_OF_ARM = 0.08, 0.9  # the moment over mass times arm squared: published quadrocopters have 0.2 to 0.4
+# The limit on the unexplained part with one common thrust, relative to that with a thrust for each log, and the least
+# unexplained part. Logs of one vehicle have 1.0 to 1.3; two thrusts that differ by 7 % have 2.7.
+_WORSE, _UNEXPLAINED = 2.5, 0.05
+# Limits of a sensor's delay: time stamps err by some ms, and the fit searches up to 50 ms.
+_FIRST_S, _LAST_S = -0.005, 0.045
 
 
 class Motion(NamedTuple):
@@ -113,38 +121,28 @@ def _motion(fit: FlightFit, name: str, place: int | None, least: float, explaine
 def contradictions(flown: FlownLog, fit: FlightFit | None, arms_m: Sequence[float] = ()) -> tuple[Finding, ...]:
     """Return findings where a flight contradicts the stated axes, motors and times, or every one of some arms.
 
-    `fit` is a fit to it, None where there is none. Rates about axes other than the torques' own show no delay.
+    `fit` is a fit to it, None where there is none.
     """
-    unlike = turning_findings(flown.flight)
-    of_log = (*unlike, *square_findings(flown), *([] if unlike else velocity_findings(flown.flight)))
     if fit is None:
-        return of_log
+        return tuple(square_findings(flown))
     of_torques = _torque_faults(fit, arms_m, props_out=flown.flight.props_out)
-    return (*of_log, *([] if unlike else delay_findings(fit, _moved(fit), ())), *of_torques)
+    return (*square_findings(flown), *delay_findings(fit, _moved(fit), ()), *of_torques)
 
 
 def findings_of(
     flights: Sequence[FlownLog], fit: FlightFit, drags: Mapping[str, AxisDrag | None], body: Body
 ) -> tuple[Finding, ...]:
     """Judge a fit to flights, by what these excited and by what contradicts every quadrocopter."""
-    unlike = [finding for flown in flights for finding in turning_findings(flown.flight)]
-    of_motion = [] if unlike else [one for flown in flights for one in velocity_findings(flown.flight, *_DRAG)]
     arms_m = [] if body.arm_m is None else [body.arm_m]
-    faults = unlike or _torque_faults(fit, arms_m, props_out=flights[0].flight.props_out)
-    everything = any(one.code in ("flight-gyro-unlike-attitude", "flight-axes-crossed") for one in faults)
+    moved_unlike = any(one.code == "flight-velocity-unlike-force" for flown in flights for one in flown.findings)
     return (
-        *(
-            finding
-            for flown in flights
-            for finding in (*spacing_findings(flown), *square_findings(flown), *weight_findings(flown))
-        ),
+        *(finding for flown in flights for finding in (*square_findings(flown), *weight_findings(flown))),
         *_supply_findings(flights, fit, body),
         *_thrust_findings(flights, fit),
-        *faults,
-        *([] if everything else _moment_findings(fit, body, flights[0])),
-        *of_motion,
+        *_torque_faults(fit, arms_m, props_out=flights[0].flight.props_out),
+        *_moment_findings(fit, body, flights[0]),
         # With wrong axes, velocities explain little of the force, however much the vehicle moved.
-        *([] if unlike or of_motion else _drag_findings(drags)),
+        *([] if moved_unlike else _drag_findings(drags)),
     )
 
 
@@ -154,31 +152,10 @@ def _moved(fit: FlightFit) -> tuple[bool, bool]:
 
 
 def _torque_faults(fit: FlightFit, arms_m: Sequence[float], *, props_out: bool) -> list[Finding]:
-    """Return what commanded torques contradict: other axes, an arm that no quadrocopter has, or their direction."""
+    """Return what commanded torques contradict: an arm that no quadrocopter has, or their direction."""
     if not lifted(fit):
         return _wrong_ways(fit, props_out=props_out)
-    return crossing_findings(fit) or [*arm_findings(fit, arms_m), *_wrong_ways(fit, props_out=props_out)]
-
-
-def spacing_findings(flown: FlownLog) -> list[Finding]:
-    """Reject quantities for which rows are too far apart: autopilots send two to ten commands in between."""
-    moved, turned, pushed = flown.apart_s
-    findings = []
-    if moved > _COMMANDS_APART_S:
-        text = (
-            f"commands are {1e3 * moved:.0f} ms apart (limit {1e3 * _COMMANDS_APART_S:.0f} ms): those between are not "
-            "seen, and lags come out up to twice as long. Log them at 500 Hz for lags."
-        )
-        findings.append(rejection("flight-rows-apart", text, *TIMES))
-    if max(turned, pushed) > _SENSORS_APART_S:
-        text = (
-            f"readings of the gyro are {1e3 * turned:.0f} ms apart, those of the accelerometer {1e3 * pushed:.0f} ms "
-            f"(limit {1e3 * _SENSORS_APART_S:.0f} ms): lags come out several per cent long, and moments small where it "
-            "is the accelerometer. Log them every 10 ms at least."
-        )
-        lost = (*TIMES, *(MOMENTS.values() if pushed > _SENSORS_APART_S else ()))
-        findings.append(rejection("flight-rows-apart", text, *lost))
-    return [finding.at(flown.log.path.name) for finding in findings]
+    return [*arm_findings(fit, arms_m), *_wrong_ways(fit, props_out=props_out)]
 
 
 def _supply_findings(flights: Sequence[FlownLog], fit: FlightFit, body: Body) -> list[Finding]:
@@ -312,11 +289,11 @@ def _drag_findings(drags: Mapping[str, AxisDrag | None]) -> list[Finding]:
             continue
         text = (
             f"drag along {axis} is {drag.rate:.3g} +- {drag.std:.2g} 1/s (limit {100 * LOOSE:.0f} %), from "
-            f"{drag.speed:.2g} m/s rms (at least {_LEAST_SPEED_MPS:g}), which explain "
-            f"{100 * max(drag.explained, 0):.0f} % of the specific force (at least {100 * _EXPLAINED_DRAG:.0f} %): fly "
+            f"{drag.speed:.2g} m/s rms (at least {LEAST_SPEED_MPS:g}), which explain "
+            f"{100 * max(drag.explained, 0):.0f} % of the specific force (at least {100 * LEAST_EXPLAINED:.0f} %): fly "
             "back and forth along it at 1 m/s and more, without wind."
         )
-        if drag.speed < _LEAST_SPEED_MPS or drag.explained < _EXPLAINED_DRAG:
+        if not drag.excited:
             findings.append(rejection("flight-drag-not-excited", text, *keys))
         elif drag.rate + 3 * drag.std < 0:
             text = f"drag along {axis} would drive the vehicle: {drag.rate:.3g} +- {drag.std:.2g} 1/s. Check the axes."
@@ -324,3 +301,107 @@ def _drag_findings(drags: Mapping[str, AxisDrag | None]) -> list[Finding]:
         elif not drag.std < LOOSE * abs(drag.rate):
             findings.append(warning("flight-drag-not-excited", text, *keys))
     return findings
+
+
+# What contradicts the stated axes, units, motors and channels
+
+
+def square_findings(flown: FlownLog) -> list[Finding]:
+    """Reject roll and pitch moments where the log does not place four rotors on a square."""
+    facts = flown.log.facts
+    if facts.square is not False and facts.motors in (None, len(MOTORS)):
+        return []
+    text = (
+        "the log places no four rotors at the corners of a square: moments about roll and pitch are fitted for these "
+        "alone."
+    )
+    return [rejection("flight-rotors-off-square", text, MOMENTS["roll"], MOMENTS["pitch"]).at(flown.log.path.name)]
+
+
+def weight_findings(flown: FlownLog) -> list[Finding]:
+    """Judge specific forces in the air: their mean has to carry the vehicle, and point along z where it hovers."""
+    force = flown.flight.force[flown.flight.airborne]
+    if not len(force):
+        return []
+    size = float(np.mean(np.linalg.norm(force, axis=1))) / USUAL_GRAVITY_MPS2
+    mean = np.mean(force, axis=0)
+    tilt_deg = math.degrees(math.atan2(math.hypot(mean[0], mean[1]), mean[2]))
+    text = (
+        f"the accelerometer shows {size:.2f} g in the mean of the flight, which carries the vehicle with 1 g where it "
+        f"hovers (limits {_LIGHTEST:g} and, without steep turns, {_HEAVIEST:g}): see its scale, which thrust and "
+        "moments have."
+    )
+    keys = ("flight.thrust*", *MOMENTS.values())
+    findings = []
+    if size < _LIGHTEST:
+        findings.append(rejection("flight-weight-unlike", text, *keys))
+    elif size > _HEAVIEST:
+        findings.append(warning("flight-weight-unlike", text, *keys))
+    if tilt_deg > _TILTED_DEG:
+        text = (
+            f"the specific force is {tilt_deg:.0f} degrees off z in the mean (limit {_TILTED_DEG:g}): fast flight one "
+            "way, wind, or a tilted accelerometer, which makes thrust and moments wrong."
+        )
+        findings.append(warning("flight-force-tilted", text, *keys))
+    return [each.at(flown.flight.name) for each in findings]
+
+
+def arm_findings(fit: FlightFit, arms_m: Sequence[float]) -> list[Finding]:
+    """Reject moments that no quadrocopter with one of these arms has: its mass lies between its centre and its motors.
+
+    A gyro that was read in another unit makes them 57 times as large, or as small.
+    """
+    for place, axis in enumerate(AXES[:2]):
+        gain, std = float(fit.values[TURNS][place]), float(fit.std[TURNS][place])
+        shares = [LEVER / (gain * arm_m) for arm_m in arms_m if gain > 3 * std]
+        if shares and not any(_OF_ARM[0] < share < _OF_ARM[1] for share in shares):
+            text = (
+                f"the moment about {axis} is {shares[0]:.2g} times mass times arm squared, and quadrocopters have 0.2 "
+                f"to 0.4 (limits {_OF_ARM[0]:g} and {_OF_ARM[1]:g}): see the arm of {1e3 * arms_m[0]:g} mm, and the "
+                "unit of the gyro, which the header of a table states as in gyro.x [deg/s]."
+            )
+            return [rejection("flight-moment-unlike-arm", text, *MOMENTS.values())]
+    return []
+
+
+def delay_findings(fit: FlightFit, moved: tuple[bool, bool], concerned: Sequence[str]) -> list[Finding]:
+    """Reject everything where a sensor shows the rotors' effect before their command, or much later.
+
+    `moved` states whether rotors moved what accelerometer and gyro show: without that, these show no delay.
+    """
+    sensors = zip(("accelerometer", "gyro"), moved, fit.values[DELAYS], fit.std[DELAYS], strict=True)
+    for sensor, moves, delay_s, std_s in sensors:
+        if moves and not (delay_s + 3 * std_s > _FIRST_S and delay_s < _LAST_S):
+            text = (
+                f"the {sensor} shows what rotors do {1e3 * delay_s:.0f} ms after their command (limits "
+                f"{1e3 * _FIRST_S:.0f} and {1e3 * _LAST_S:.0f} ms): its times and those of the commands do not belong "
+                "together, or its low-pass filter is slow (acc_lpf_hz, IMU_ACCEL_CUTOFF): set 50 Hz."
+            )
+            return [rejection("flight-delay-implausible", text, *concerned)]
+    return []
+
+
+def agreement_findings(flights: Sequence[Flight], fit: FlightFit, concerned: Sequence[str]) -> list[Finding]:
+    """Report logs whose vertical force one common thrust explains far worse than a separate thrust for each log.
+
+    All thrusts are fitted with coarse lags. The `concerned` keys are rejected where the fit to all logs explains too
+    little.
+    """
+    flown = [flight for flight in flights if segments(flight.driven)]
+    if len(flown) < 2:
+        return []
+    separate = [roughly_fitted(flight) for flight in flown]
+    apart, together = (explained_of(each, None) for each in (sum(map(tuple, separate), ()), roughly_fitted(*flown)))
+    if 1 - together < max(_WORSE * (1 - apart), _UNEXPLAINED):
+        return []
+    share = ", ".join(
+        f"{flight.name} {100 * explained_of(each, None):.0f} %" for flight, each in zip(flown, separate, strict=True)
+    )
+    text = (
+        "the logs contradict each other: rotors explain the vertical force with a thrust of its own in each log "
+        f"({share}) and {100 * min(together, fit.explained):.0f} % of it with one thrust in all. Another vehicle, "
+        "mass, propeller or battery is in one of them: fit the logs of each apart."
+    )
+    if fit.explained < EXPLAINED:
+        return [rejection("flight-logs-contradict", text, *concerned)]
+    return [warning("flight-logs-contradict", text, *concerned)]

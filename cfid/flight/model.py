@@ -44,7 +44,6 @@ PAST = 16  # rows that predict the next: 0.16 s
 DELAY_S = 0.008  # the initial value
 LAGS, DELAYS, THRUST, TURNS = slice(0, 2), slice(2, 4), slice(4, 7), slice(7, 10)  # of the parameters
 _STEP = 1e-3  # the relative change of a time constant or delay over which a slope is taken
-_SHARES = (1.0, 0.5, 0.25)  # of a round's step, tried where it reverses the last one
 
 
 class ThrustLag(NamedTuple):
@@ -303,15 +302,6 @@ class Equations:
         left = [without(block.shown - fitted_in(block, p), block.others) for block in blocks]
         white = [whitening(*each, fed_back=True) for each in zip(blocks, left, strict=True)]
         return replace(self, white=tuple(white))
-
-    def likeliest(self, p: Array, step: Array) -> float:
-        """Return the share of a step (10,) from parameters (10,) after which the whitened errors are most likely.
-
-        The likelihood is that of normal errors with the best-fitting sizes and autoregression.
-        """
-        sizes = [[math.log(white.size) for white in self.whitened(p + share * step).white] for share in _SHARES]
-        rows = [len(white.basis) for white in self.white]
-        return _SHARES[int(np.argmin(np.array(sizes) @ rows))]
 
     def at(self, p: Array) -> list[FlightEquation]:
         """Return the equations at the time constants and delays of parameters (10,)."""

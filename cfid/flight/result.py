@@ -5,13 +5,12 @@ from fnmatch import fnmatchcase
 
 from cfid.errors import ConfigError, DataError
 from cfid.estimate.common_causes import power_law, with_common_causes
-from cfid.findings import Finding, warning
+from cfid.findings import Finding
 from cfid.flight.braking import AxisDrag, fit_drag
-from cfid.flight.contradictions import turning_fault, with_usable_voltages
 from cfid.flight.data import FlownLog, same_flight
 from cfid.flight.estimation import FlightFit, fit_flights, refuse_still
 from cfid.flight.findings import findings_of
-from cfid.flight.rows import LEVER
+from cfid.flight.supply import with_usable_voltages
 from cfid.flight.values import Body, causes_of, covariances_of, given, quantities_of, rescaled_thrust
 from cfid.recordings.read import description
 from cfid.records.parameters import Parameter
@@ -24,23 +23,19 @@ _DRAG_AXES = ("forward", "left")
 def fit(flights: Sequence[FlownLog], *, body: Body) -> Result:
     """Fit thrust, lag, moments of inertia and drag of one vehicle to its flights, as far as these determine them.
 
-    A flight whose gyro contradicts its attitude is left out where others remain.
-
     Raises ConfigError for no flight, DataError for a flight given twice or with drives in other units, and FitError
     where nothing flew for long enough, or rotors explain too little for any of these quantities.
     """
     _check(flights)
-    flights, left_out = _alike(flights)
-    if all(flown.flight.velocity is None for flown in flights):  # else drag may be determined
+    drags = {name: fit_drag([flown.flight for flown in flights], axis=axis) for axis, name in enumerate(_DRAG_AXES)}
+    if not any(drag is not None and drag.excited for drag in drags.values()):
         refuse_still([flown.flight for flown in flights])
     fitted = fit_flights([flown.flight for flown in flights])
     flights = with_usable_voltages(flights, fitted)
     fitted = fit_flights([flown.flight for flown in flights])  # cached, unless a voltage is not used
-    drags = {name: fit_drag([flown.flight for flown in flights], axis=axis) for axis, name in enumerate(_DRAG_AXES)}
     measured = quantities_of(fitted, drags, body)
     quantities = {**measured, **given(body)}
     findings = (
-        *left_out,
         *(finding for flown in flights for finding in flown.findings),
         *findings_of(flights, fitted, drags, body),
     )
@@ -67,7 +62,7 @@ def fit(flights: Sequence[FlownLog], *, body: Body) -> Result:
         sources=tuple(flown.log.source for flown in flights),
         rests_on=_RESTS_ON,
         covariances=covariances_of(fitted, body),
-        lines=(*_lines(flights, fitted, drags), _assumption(flights, body)),
+        lines=tuple(_lines(flights, fitted, drags)),
         drawings=drawings,
     )
     rescaled = any(flown.flight.rescaled for flown in flights)
@@ -84,19 +79,6 @@ def _check(flights: Sequence[FlownLog]) -> None:
                 raise DataError(f"{flown.log.path}: the same flight as {before.log.path.name}: name each once.")
         if flown.flight.in_volts != flights[0].flight.in_volts:
             raise DataError(f"{flown.log.path}: only some of the logs have the battery's voltage: fit them apart.")
-
-
-def _alike(flights: Sequence[FlownLog]) -> tuple[Sequence[FlownLog], list[Finding]]:
-    """Leave out flights whose gyro contradicts their attitude, if others remain; return the others and the findings."""
-    faults = [turning_fault(flown.flight) for flown in flights]
-    if all(faults):
-        return flights, []
-    left_out = [
-        warning("flight-gyro-unlike-attitude", f"{fault} The flight is left out.").at(flown.flight.name)
-        for flown, fault in zip(flights, faults, strict=True)
-        if fault
-    ]
-    return [flown for flown, fault in zip(flights, faults, strict=True) if not fault], left_out
 
 
 def _wanted(quantities: Mapping[str, Parameter], findings: Sequence[Finding]) -> tuple[str, ...]:
@@ -125,17 +107,3 @@ def _lines(
         f"excited, root mean square: {', '.join([*excited, *moved])}",
         f"drives from {low:.3g} to {high:.3g}{unit}, {fitted.drive:.3g}{unit} in the mean; thrust holds between these",
     ]
-
-
-def _assumption(flights: Sequence[FlownLog], body: Body) -> str:
-    arm = "" if body.arm_m is None else f", {1e3 * LEVER * body.arm_m:.4g} mm from the axes forward and left"
-    way = "counterclockwise" if not flights[0].flight.props_out else "clockwise"
-    scale = "exact"
-    if any(flown.flight.rescaled for flown in flights):
-        scale = f"to {100 * body.rescaled_std:g} % (a Crazyflie divides by what it shows at rest)"
-    return (
-        "assumed: axes forward, left, up; four alike rotors on a square, the front right one "
-        f"{way} seen from above, with thrust along z{arm}; mass {1e3 * body.mass_kg:g} g; "
-        f"times of gyro and accelerometer and the former's scale exact, the latter's {scale}, and its zero to 0.02 g; "
-        "no climb in the mean; sensors show thrust a delay later"
-    )

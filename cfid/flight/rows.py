@@ -2,9 +2,11 @@
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
 from cfid.units import MOTOR_AZIMUTH_DEG, MOTORS, ROTOR_TURNS
 
@@ -29,35 +31,44 @@ TURNING = np.array(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Flight:
-    """Drives (n, 4), `ROW_STEPS` to a row, and what sensors showed every 10 ms from the first drive on.
+    """Commands (n, 4) relative to full command, `ROW_STEPS` to a row, and what sensors showed every 10 ms from then on.
 
     `rates` (m, 3) in rad/s and `force` (m, 3), the specific force in m/s^2, are along the vehicle's axes, as is
     `velocity` (m, 3) in m/s, None where unknown. `attitude` (m, 4) is the quaternion w, x, y, z that turns these axes
-    to the world's. `volts` (n,) is the voltage contained in the drives, None where unknown. `averaged` is true where
-    rows are means over their 10 ms. `airborne` (m,) marks rows in the air; `driven` (m,) marks those among them at
-    which every rotor has been under a command within its range for a while. `beyond` (m,) marks rows at which the gyro
-    was at an end of its range, None where it never was. With `props_out`, rotors turn the other way than a Crazyflie's:
-    front right clockwise, seen from above. `low_pass_hz` are the cut-offs of the Butterworth filters of accelerometer
-    and gyro, None where unknown, `ages_s` are the times by which their readings may be older than the rows that show
-    them, and `held_s` is the time for which commands are repeated.
+    to the world's. `volts` (n,) is the battery's voltage, None where it is unknown or not used. `averaged` is true
+    where rows are means over their 10 ms. `airborne` (m,) marks rows in the air; `driven` (m,) marks those among them
+    at which every rotor has been under a command within its range for a while. `beyond` (m,) marks rows at which the
+    gyro was at an end of its range. With `props_out`, rotors turn the other way than a Crazyflie's: front right
+    clockwise, seen from above. `low_pass_hz` are the cut-offs of the Butterworth filters of accelerometer and gyro,
+    None where unknown, `ages_s` are the times by which their readings may be older than the rows that show them, and
+    `held_s` is the time for which commands are repeated.
     """
 
     name: str
-    drive: Array
+    command: Array
     rates: Array
     force: Array
     airborne: Mask
     driven: Mask
+    beyond: Mask
     averaged: bool
-    in_volts: bool
     low_pass_hz: tuple[float | None, float | None] = (None, None)
     ages_s: tuple[float, float] = (0.0, 0.0)
     held_s: float = 0.0
     velocity: Array | None = None
     attitude: Array | None = None
     volts: Array | None = None
-    beyond: Mask | None = None
     props_out: bool = False
+
+    @cached_property
+    def drive(self) -> Array:
+        """The drives (n, 4): commands, times the battery's volts where these are known."""
+        return self.drives_of_late(0.0)
+
+    @property
+    def in_volts(self) -> bool:
+        """Whether drives are in volts."""
+        return self.volts is not None
 
     @property
     def turning(self) -> Array:
@@ -82,14 +93,12 @@ class Flight:
     @property
     def rates_known(self) -> Mask:
         """The driven rows (m,) at which the gyro was within its range."""
-        return self.driven if self.beyond is None else self.driven & ~self.beyond
+        return self.driven & ~self.beyond
 
     def drives_of_late(self, command_s: float) -> Array:
         """Return the drives (n, 4) of commands that act later by this time, at the voltage of the moment they act."""
-        if self.volts is None:
-            return self.drive
-        volts = self.volts[:, np.newaxis]
-        return np.asarray(delayed(self.drive / volts, command_s) * volts)
+        late = delayed(self.command, command_s) if command_s else self.command
+        return late if self.volts is None else np.asarray(late * self.volts[:, np.newaxis])
 
     @property
     def step_driven(self) -> Mask:
@@ -114,9 +123,7 @@ def with_ends(values: Array, before: int, after: int) -> Array:
 
 def turned_back(attitude: Array, vector: Array) -> Array:
     """Return vectors (m, 3), given in the world's axes, along the axes of a vehicle with attitude w, x, y, z (m, 4)."""
-    w, v = attitude[:, :1], -attitude[:, 1:]
-    across = 2 * np.cross(v, vector)
-    return np.asarray(vector + w * across + np.cross(v, across))
+    return np.asarray(Rotation.from_quat(attitude, scalar_first=True).apply(vector, inverse=True))
 
 
 def segments(mask: Mask, fewest: int = 100) -> list[slice]:

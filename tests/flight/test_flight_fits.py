@@ -12,10 +12,10 @@ from scipy.signal import lfilter
 
 from cfid.errors import ConfigError, DataError, FitError
 from cfid.flight.braking import fit_drag
-from cfid.flight.contradictions import velocity_findings
+from cfid.flight.capture import velocity_findings
 from cfid.flight.data import at_rows, flight_of, read_flight
-from cfid.flight.estimation import CrossedError, first_parameters, fit_flights, refuse_still
-from cfid.flight.findings import Motion, findings_of, spacing_findings
+from cfid.flight.estimation import CrossedError, first_parameters, fit_flights, refuse_still, settled
+from cfid.flight.findings import Motion, findings_of
 from cfid.flight.model import DELAY_S, DELAYS, THRUST, Equations, equations_of
 from cfid.flight.result import fit
 from cfid.flight.rows import LEVER, ROW_S, STEP_S, turned_back
@@ -122,6 +122,18 @@ def test_manoeuvres_give_the_vehicle_back(flown: Flown) -> None:
         assert most_in_std(result, truths(vehicles, place)) < 3.5
         moments = [result.quantities[f"flight.inertia_kg_m2.{axis}"] for axis in ("roll", "pitch")]
         assert [moment.std / moment.value < 0.05 for moment in moments] == [True, True]
+
+
+def test_fits_in_still_air_with_little_noise_converge_whatever_their_lags_begin_with() -> None:
+    """With whole steps, 12 of 40 such fits stepped back and forth without converging."""
+    rng = np.random.default_rng(6)
+    flight = flight_of(fly(fleet(1, rng), rng, wind=0.0, noise=0.05)[0]).flight
+    fitted = fit_flights([flight])
+    for lag_s in (0.03, 0.1):
+        begin = fitted.values.copy()
+        begin[:2] = lag_s
+        _, values, *_ = settled(Equations([equations_of(flight)]), begin)
+        assert np.all(np.abs(values - fitted.values)[:4] < 0.2 * fitted.std[:4])
 
 
 def test_the_thrust_of_the_mean_command_carries_the_vehicle(flown: Flown) -> None:
@@ -342,7 +354,8 @@ def test_velocities_along_other_axes_than_the_attitudes_cost_the_drag(flown: Flo
     for other in (world * [1, -1, -1], world[:, [1, 0, 2]] * [-1, 1, 1], turned_back(attitude, world), world[::-1]):
         elsewhere = replace(read.flight, velocity=turned_back(attitude, other))
         assert velocity_findings(elsewhere)
-    result = fit([replace(read, flight=elsewhere)], body=body_of(vehicles, 0))
+    against = tuple(velocity_findings(elsewhere))
+    result = fit([replace(read, flight=elsewhere, findings=against)], body=body_of(vehicles, 0))
     assert codes(result) == {"flight-velocity-unlike-force"}
     assert {key for key in result.quantities if "drag" in key} <= set(result.rejected)
 
@@ -473,14 +486,15 @@ def test_the_delay_contains_what_commands_that_a_log_alone_holds_make_of_it() ->
     assert most_in_std(result, truths(vehicles, 0)) < 2.5
 
 
-@pytest.mark.parametrize("wind", [0.0, 3.0])
-def test_a_hovering_flight_without_motion_capture_is_refused_before_it_is_fitted(wind: float) -> None:
+@pytest.mark.parametrize(("wind", "captured"), [(0.0, False), (1.0, True), (3.0, False)])
+def test_a_hovering_flight_is_refused_before_it_is_fitted(*, wind: float, captured: bool) -> None:
     rng = np.random.default_rng(5)
     vehicles = fleet(2, rng)
     flights = [flight_of(log) for log in fly(vehicles, rng, hover=True, wind=wind)]
-    still = [replace(read, flight=replace(read.flight, velocity=None, attitude=None)) for read in flights]
+    if not captured:
+        flights = [replace(read, flight=replace(read.flight, velocity=None, attitude=None)) for read in flights]
     with pytest.raises(FitError, match="thrust is not excited"):
-        fit(still, body=body_of(vehicles, 0))
+        fit(flights, body=body_of(vehicles, 0))
 
 
 def test_a_late_accelerometer_is_not_called_a_still_flight(flown: Flown) -> None:
@@ -492,7 +506,7 @@ def test_a_late_accelerometer_is_not_called_a_still_flight(flown: Flown) -> None
 def test_motors_under_other_numbers_turn_the_vehicle_the_wrong_way(flown: Flown) -> None:
     vehicles, logs = flown
     read = flight_of(logs[0])
-    exchanged = replace(read.flight, drive=read.flight.drive[:, [3, 2, 1, 0]])  # left and right exchanged
+    exchanged = replace(read.flight, command=read.flight.command[:, [3, 2, 1, 0]])  # left and right exchanged
     result = fit([replace(read, flight=exchanged)], body=body_of(vehicles, 0))
     assert "flight-wrong-way" in codes(result)
     assert {"flight.inertia_kg_m2.roll", "flight.rising_s", "flight.single_lag_s"} <= set(result.rejected)
@@ -502,7 +516,10 @@ def test_motors_under_other_numbers_turn_the_vehicle_the_wrong_way(flown: Flown)
 def test_motors_that_are_numbered_from_another_corner_are_refused(flown: Flown, order: list[int]) -> None:
     read = flight_of(flown[1][0])
     with pytest.raises(CrossedError):
-        fit([replace(read, flight=replace(read.flight, drive=read.flight.drive[:, order]))], body=body_of(flown[0], 0))
+        fit(
+            [replace(read, flight=replace(read.flight, command=read.flight.command[:, order]))],
+            body=body_of(flown[0], 0),
+        )
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -548,13 +565,13 @@ def in_unit(log: Recording, unit: str, *, captured: bool) -> Recording:
     return with_series(log, replace(series, columns=tuple(kept)))
 
 
-@pytest.mark.parametrize(
-    ("captured", "code"), [(True, "flight-gyro-unlike-attitude"), (False, "flight-moment-unlike-arm")]
-)
-def test_a_gyro_in_rad_s_that_is_read_in_deg_s_costs_all_moments(flown: Flown, *, captured: bool, code: str) -> None:
+def test_a_gyro_in_rad_s_that_is_read_in_deg_s_costs_all_moments(flown: Flown) -> None:
     vehicles, logs = flown
-    result = fit([flight_of(in_unit(logs[0], "deg/s", captured=captured))], body=body_of(vehicles, 0))
-    assert code in codes(result)
+    with pytest.raises(DataError) as refused:
+        flight_of(in_unit(logs[0], "deg/s", captured=True))
+    assert refused.value.code == "gyro-unlike-attitude"
+    result = fit([flight_of(in_unit(logs[0], "deg/s", captured=False))], body=body_of(vehicles, 0))
+    assert "flight-moment-unlike-arm" in codes(result)
     assert {f"flight.inertia_kg_m2.{axis}" for axis in ("roll", "pitch", "yaw")} <= set(result.rejected)
 
 
@@ -646,7 +663,6 @@ def test_rows_at_the_end_of_a_gyros_range_are_left_out(flown: Flown, most_rad_s:
     assert [one.severity for one in read.findings if one.code == "flight-gyro-clipped"] == [severity]
     result = fit([read], body=body_of(vehicles, 0))
     if severity == "warning":
-        assert read.flight.beyond is not None
         assert ROW_S * np.count_nonzero(read.flight.beyond) == pytest.approx(3.95, abs=0.01)
         assert most_in_std(result, truths(vehicles, 0)) < 3.5
     else:
@@ -714,7 +730,7 @@ def test_times_in_a_smaller_unit_are_asked_for_before_the_length_is_refused(tmp_
     names = (*(f"motor.m{motor}" for motor in (1, 2, 3, 4)), *SENSORS)
     rows = "\n".join(f"{2000 * row},{','.join(['30000'] * 4 + ['0'] * 5 + ['1'])}" for row in range(10_000))
     path.write_text(f"Timestamp,{','.join(names)}\n{rows}\n", encoding="utf-8")
-    with pytest.raises(DataError, match=r"rows 2000 ms apart .* import the table with `unit`\.$"):
+    with pytest.raises(DataError, match=r"readings 2000 ms apart .* import the table with `unit`\.$"):
         read_flight(path)
     assert flight_of(read_recording(path, How(units={"Timestamp": "us"}))).flight.averaged
 

@@ -151,7 +151,7 @@ def test_a_flight_of_another_autopilot_gives_the_vehicle_back(
 def test_px4_s_usual_rate_of_motors_is_refused_with_the_profile_that_serves(tmp_path: Path, flown: Flown) -> None:
     pytest.importorskip("pyulog", reason="pyulog is not installed")
     (tmp_path / "log").write_bytes(ulog(*flown[1:], every=50))
-    with pytest.raises(DataError, match=r"rows 100 ms apart .*SDLOG_PROFILE"):
+    with pytest.raises(DataError, match=r"readings 100 ms apart .*SDLOG_PROFILE"):
         read_flight(tmp_path / "log")
 
 

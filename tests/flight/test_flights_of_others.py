@@ -12,9 +12,9 @@ import pytest
 from scipy.ndimage import uniform_filter1d
 
 from cfid.errors import DataError
-from cfid.flight.contradictions import turning_findings, velocity_findings
+from cfid.flight.capture import refuse_unlike_gyro, velocity_findings
 from cfid.flight.data import FlownLog, read_flight
-from cfid.flight.estimation import FlightFit, fit_flights
+from cfid.flight.estimation import CrossedError, FlightFit, fit_flights
 from cfid.flight.model import PAST, THRUST, TURNS, whitening, without
 from cfid.flight.result import fit
 from cfid.flight.rows import Flight
@@ -107,7 +107,7 @@ def test_what_is_found_does_not_depend_on_units() -> None:
     of_drive, of_force, of_rates = 0.7, 2.0, 1 / 1.5
     flight = read(*HALVES[0]).flight
     scaled = replace(
-        flight, drive=of_drive * flight.drive, force=of_force * flight.force, rates=of_rates * flight.rates
+        flight, command=of_drive * flight.command, force=of_force * flight.force, rates=of_rates * flight.rates
     )
     usual, found = fitted(HALVES[0]), fit_flights([scaled])
 
@@ -163,29 +163,26 @@ def turned(values: Array, degrees: float) -> Array:
     return np.asarray(values @ np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1.0]]).T)
 
 
-DEFECTS: dict[str, tuple[Callable[[Flight], Flight], str]] = {
-    "turned": (lambda one: replace(one, rates=turned(one.rates, -45)), "flight-axes-crossed"),
-    "exchanged axes": (lambda one: replace(one, rates=one.rates[:, [1, 0, 2]]), "flight-axes-crossed"),
-    "exchanged motors": (lambda one: replace(one, drive=one.drive[:, [1, 0, 2, 3]]), "flight-axes-crossed"),
-    "smoothed gyro": (
-        lambda one: replace(one, rates=np.asarray(uniform_filter1d(one.rates, 5, axis=0))),
-        "flight-torques-contradict",
-    ),
-    "scale of 0.7": (lambda one: replace(one, force=0.7 * one.force), "flight-weight-unlike"),
+CROSSED: dict[str, Callable[[Flight], Flight]] = {
+    "turned": lambda one: replace(one, rates=turned(one.rates, -45)),
+    "exchanged axes": lambda one: replace(one, rates=one.rates[:, [1, 0, 2]]),
+    "exchanged motors": lambda one: replace(one, command=one.command[:, [1, 0, 2, 3]]),
 }
 
 
-@pytest.mark.parametrize(
-    "defect", [pytest.param(one, marks=[pytest.mark.slow] * (one == "exchanged motors")) for one in DEFECTS]
-)
-def test_axes_motors_and_sensors_that_no_vehicle_has_cost_moments_and_lags(defect: str) -> None:
-    change, code = DEFECTS[defect]
+@pytest.mark.parametrize("defect", CROSSED)
+def test_axes_and_motors_that_no_vehicle_has_are_refused(defect: str) -> None:
     flown = read(*HALVES[0])
-    result = fit([replace(flown, flight=change(flown.flight))], body=ARM)
-    assert code in {one.code for one in result.findings if one.severity == "rejection"}
-    assert {"flight.inertia_kg_m2.roll", "flight.inertia_kg_m2.pitch"} <= set(result.rejected)
-    if code != "flight-weight-unlike":
-        assert {"flight.rising_s", "flight.falling_s", "flight.single_lag_s"} <= set(result.rejected)
+    with pytest.raises(CrossedError):
+        fit([replace(flown, flight=CROSSED[defect](flown.flight))], body=ARM)
+
+
+def test_a_smoothed_gyro_costs_moments_and_lags() -> None:
+    flown = read(*HALVES[0])
+    smoothed = replace(flown.flight, rates=np.asarray(uniform_filter1d(flown.flight.rates, 5, axis=0)))
+    result = fit([replace(flown, flight=smoothed)], body=ARM)
+    assert "flight-torques-contradict" in {one.code for one in result.findings if one.severity == "rejection"}
+    assert {"flight.inertia_kg_m2.roll", "flight.rising_s", "flight.single_lag_s"} <= set(result.rejected)
 
 
 CIRCLE, HELIX = "nanobench_B2_circle_fast_rep2.csv", "nanobench_B5_helix_fast_rep1.csv"
@@ -206,41 +203,42 @@ MOVED: dict[str, Callable[[Flight], Flight]] = {
 @pytest.mark.parametrize("log", [CIRCLE, HELIX])
 def test_motion_capture_that_moves_otherwise_than_the_sensors_is_found(log: str) -> None:
     flight = read(log).flight
-    assert not turning_findings(flight)
+    path = FLIGHTS / log
+    refuse_unlike_gyro(path, flight)
     assert not velocity_findings(flight)
     for change in UNLIKE_ATTITUDE.values():
-        assert [one.code for one in turning_findings(change(flight))] == ["flight-gyro-unlike-attitude"]
+        with pytest.raises(DataError) as refused:
+            refuse_unlike_gyro(path, change(flight))
+        assert refused.value.code == "gyro-unlike-attitude"
     for change in MOVED.values():
+        refuse_unlike_gyro(path, change(flight))
         assert [one.code for one in velocity_findings(change(flight))] == ["flight-velocity-unlike-force"]
-
-
-def test_a_flight_that_contradicts_its_attitude_is_left_out_and_the_others_are_fitted() -> None:
-    sound, other = read(CIRCLE), read(HELIX)
-    exchanged = replace(other, flight=UNLIKE_ATTITUDE["exchanged"](other.flight))
-    alone, both = (fit(flights, body=ARM) for flights in ([sound], [exchanged, sound]))
-    (first, *_) = both.findings
-    assert (first.code, first.severity, first.where) == ("flight-gyro-unlike-attitude", "warning", (other.flight.name,))
-    assert both.quantities == alone.quantities
-    assert both.rejected == alone.rejected
-    assert [one.sha256 for one in both.sources] == [sound.log.source.sha256]
 
 
 @pytest.mark.parametrize("defect", [None, "half", pytest.param("attitude stuck", marks=pytest.mark.slow)])
 def test_motion_capture_that_moves_otherwise_than_the_sensors_costs_the_drag(defect: str | None) -> None:
     flown = read(CIRCLE)
-    result = fit([replace(flown, flight=MOVED[defect](flown.flight)) if defect else flown], body=ARM)
+    if defect:
+        moved = MOVED[defect](flown.flight)
+        flown = replace(flown, flight=moved, findings=tuple(velocity_findings(moved)))
+    result = fit([flown], body=ARM)
     assert ("flight.drag_over_mass_per_s.forward" in result.rejected) is bool(defect)
     if defect:
         assert not any("drag" in key for key in result.without_rejected().quantities)
 
 
-def test_a_scale_of_two_or_a_tilted_accelerometer_is_a_warning() -> None:
+def test_a_wrong_scale_costs_moments_or_is_a_warning_as_a_tilted_accelerometer() -> None:
     flown = read(*HALVES[0])
     cos, sin = np.cos(np.radians(12)), np.sin(np.radians(12))
     tilted = flown.flight.force @ np.array([[cos, 0, sin], [0, 1, 0], [-sin, 0, cos]]).T
-    for force, code in ((2 * flown.flight.force, "flight-weight-unlike"), (tilted, "flight-force-tilted")):
+    for force, code, severity in (
+        (0.7 * flown.flight.force, "flight-weight-unlike", "rejection"),
+        (2 * flown.flight.force, "flight-weight-unlike", "warning"),
+        (tilted, "flight-force-tilted", "warning"),
+    ):
         result = fit([replace(flown, flight=replace(flown.flight, force=force))], body=ARM)
-        assert [one.severity for one in result.findings if one.code == code] == ["warning"]
+        assert [one.severity for one in result.findings if one.code == code] == [severity]
+        assert ("flight.inertia_kg_m2.roll" in result.rejected) is (severity == "rejection")
 
 
 def test_delays_of_the_gyro_are_those_of_its_filter_and_more_in_every_flight() -> None:

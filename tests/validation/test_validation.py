@@ -11,11 +11,11 @@ import pandas as pd
 import pytest
 
 from cfid.errors import ConfigError, DataError
-from cfid.flight.contradictions import with_usable_voltage
 from cfid.flight.data import FlownLog, flight_of, read_flight
 from cfid.flight.estimation import CrossedError
 from cfid.flight.model import ThrustLag
 from cfid.flight.rows import LEVER
+from cfid.flight.supply import with_usable_voltage
 from cfid.recordings.crazyflie import si_values
 from cfid.recordings.read import read_recording
 from cfid.recordings.recording import Series
@@ -108,7 +108,6 @@ def test_rows_beyond_the_range_of_a_gyro_are_no_truth(flown: tuple[ParameterSet,
     rows[:, 5:8] = np.clip(rows[:, 5:8], -5.0, 5.0)
     clipped = flight_of(with_rows(flight.log, rows))
     at = starts(clipped.by_command)
-    assert clipped.flight.beyond is not None
     assert len(at) < len(starts(flight.by_command))
     assert not any(clipped.flight.beyond[begin : begin + max(HORIZONS) + 1].any() for begin in at)
     whole, left = (of(table_of(one, true), "rates", 0.1, "truth").error for one in (flight, clipped))
@@ -344,7 +343,7 @@ def test_a_flight_that_shows_moments_has_no_warning_of_rates(flown: tuple[Parame
     found = validate(flight, [true, heavier], used=())
     assert "validation-rates-unpredicted" not in [one.code for one in found.findings]
     turning = replace(flight.by_command, rates=0.02 * flight.by_command.rates)  # as if something held the vehicle
-    held = validate(replace(flight, flight=turning, by_command=turning), [true, heavier], used=())
+    held = validate(replace(flight, flight=turning), [true, heavier], used=())
     assert "validation-rates-unpredicted" in [one.code for one in held.findings]
 
 
@@ -426,12 +425,12 @@ def test_a_log_whose_axes_motors_or_units_are_others_is_rejected(flown: tuple[Pa
     true, flight = flown
     assert not validate(flight, [true], used=()).rejected
     turned = replace(flight.flight, rates=flight.flight.rates * [-1.0, 1.0, 1.0])
-    mirrored = replace(flight, flight=turned, by_command=turned)
+    mirrored = replace(flight, flight=turned)
     assert "flight-wrong-way" in [one.code for one in validate(mirrored, [true], used=()).findings]
-    other = replace(flight.by_command, drive=flight.by_command.drive[:, [1, 2, 3, 0]])
+    other = replace(flight.by_command, command=flight.flight.command[:, [1, 2, 3, 0]])
     with pytest.raises(CrossedError):
-        validate(replace(flight, flight=other, by_command=other), [true], used=())
+        validate(replace(flight, flight=other), [true], used=())
     slow = replace(flight.flight, rates=np.radians(flight.flight.rates), velocity=None, attitude=None)
-    in_degrees = validate(replace(flight, flight=slow, by_command=slow), [true], used=())
+    in_degrees = validate(replace(flight, flight=slow), [true], used=())
     assert not in_degrees.accepted
     assert "flight-moment-unlike-arm" in [one.code for one in in_degrees.findings]
