@@ -292,15 +292,11 @@ def torque_moments(time_s: Array, torque_nm: Array, *, frequency_hz: float, moto
 
     The component across the arm is that of thrust. `yaw_deg` turns the cell's vectors into the vehicle's frame.
     """
-    angle, count = math.radians(MOTOR_AZIMUTH_DEG[motor]), len(time_s)
+    angle = math.radians(MOTOR_AZIMUTH_DEG[motor])
     axes = np.array([[math.sin(angle), -math.cos(angle)], [math.cos(angle), math.sin(angle)]])
-    total, mean, waves = np.zeros(2, complex), np.zeros(2), 0j
-    for part in parts(count):
-        both = axes @ turn_about_z(torque_nm[part], yaw_deg=yaw_deg)[:, :2].T
-        hann = 0.5 - 0.5 * np.cos(2 * math.pi * np.arange(part.start, part.stop) / (count - 1))
-        wave = hann * np.exp(-2j * math.pi * frequency_hz * (time_s[part] - time_s[0])) / count
-        total, mean, waves = total + both @ wave, mean + both.sum(axis=1) / count, waves + wave.sum()
-    at = total - mean * waves
+    both = axes @ turn_about_z(torque_nm, yaw_deg=yaw_deg)[:, :2].T
+    wave = np.hanning(len(time_s)) * np.exp(-2j * math.pi * frequency_hz * (time_s - time_s[0])) / len(time_s)
+    at = (both - both.mean(axis=1, keepdims=True)) @ wave
     return np.asarray(np.outer(at, at.conj()).real)
 
 

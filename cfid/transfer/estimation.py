@@ -191,6 +191,10 @@ class TransferFit:
             findings.append(rejection("transfer-no-time-constant", text, *of_lag))
         return tuple(findings)
 
+    def function_at(self, values: Array) -> TransferFunction:
+        """Return the transfer function of gain, lags and lead, without a delay."""
+        return _function(values, self.shape, self.function.sample_s)
+
     def response(self, omega_rad_s: Array) -> Complex:
         """Return force over commands at frequencies (n,), of the force itself at any instant, without delay."""
         return _plant(self.values, self.shape, omega_rad_s, self.function.sample_s)
@@ -277,13 +281,8 @@ def fit_transfer(measured: Sequence[MeasuredSeries], *, shape: Shape = "first+de
     freedom = 2 * len(data.value) - needed
     covariance = _covariance(data, solution)[:needed, :needed]
 
-    def function_at(values: Array) -> TransferFunction:
-        gain_n, *lags_s = values[: 1 + _lags(shape)]
-        lead_s = float(values[2]) if shape == "zero" else 0.0
-        return TransferFunction.of_lags(gain_n, lags_s, lead_s=lead_s, sample_s=data.sample_s)
-
     def delivered(values: Array) -> Array:
-        function = function_at(values)
+        function = _function(values, shape, data.sample_s)
         delay_s = float(values[dynamic:].mean()) if len(values) > dynamic else 0.0
         lag_s = float(values[1 : 1 + _lags(shape)].max())
         return np.array([*function.numerator, *function.denominator, values[0], lag_s, delay_s])
@@ -306,7 +305,7 @@ def fit_transfer(measured: Sequence[MeasuredSeries], *, shape: Shape = "first+de
     return TransferFit(
         shape=shape,
         function=replace(
-            function_at(values),
+            _function(values, shape, data.sample_s),
             delay_s=mean.delay_s,
             delay_std_s=mean.after_quickest_std_s,
             after_quickest_s=mean.after_quickest_s,
@@ -333,6 +332,13 @@ def _lags(shape: Shape) -> int:
 def _dynamic(shape: Shape) -> int:
     """Return the number of free parameters that are not delays."""
     return 2 if shape.startswith("first") else 3
+
+
+def _function(values: Array, shape: Shape, sample_s: float) -> TransferFunction:
+    """Return the transfer function of gain, lags and lead, without a delay."""
+    gain_n, *lags_s = values[: 1 + _lags(shape)]
+    lead_s = float(values[2]) if shape == "zero" else 0.0
+    return TransferFunction.of_lags(gain_n, lags_s, lead_s=lead_s, sample_s=sample_s)
 
 
 def _plant(values: Array, shape: Shape, omega: Array, sample_s: float) -> Complex:

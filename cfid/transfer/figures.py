@@ -129,16 +129,12 @@ def step_figure(fit: TransferFit, *, thesis: ThesisFit | None = None) -> Figure:
     axes = page.add_subplot(grid[1, 0])
     name_panel(axes, "thrust after a step", x="time since the step (ms)", y="thrust over command (µN)")
     time_s = np.linspace(-0.3, _LAGS, _CURVE) * fit.time_constant_s
-    count = 1 + len(fit.lags_s) + (fit.shape == "zero")
 
     def step(values: Array) -> Array:
-        lags = 1 + len(fit.lags_s)
-        lead_s = float(values[lags]) if fit.shape == "zero" else 0.0
-        function = TransferFunction.of_lags(values[0], values[1:lags], lead_s=lead_s, sample_s=fit.function.sample_s)
-        return _step(function, time_s)
+        return _step(fit.function_at(values), time_s)
 
-    force = step(fit.values[:count])
-    std = std_of(propagated(step, fit.values[:count], fit.covariance[:count, :count]))
+    force = step(fit.values)
+    std = std_of(propagated(step, fit.values, fit.covariance))
     low, high = force - COVERAGE_95 * std, force + COVERAGE_95 * std
     axes.fill_between(1e3 * time_s, MICRO * low, MICRO * high, color=MODEL, alpha=0.3, lw=0, label="95 % interval")
     axes.plot(1e3 * time_s, MICRO * force, color=MODEL, label="model")
@@ -308,7 +304,7 @@ def _fit_rows(fit: TransferFit) -> list[tuple[str, str]]:
 
 def _verification_rows(found: Verification) -> list[tuple[str, str]]:
     return [
-        ("fit", f"{found.fit_percent:.1f} %, {found.unfiltered_fit_percent:.1f} % with the vibration"),
+        ("fit", f"{found.fit_percent:.1f} %"),
         ("residual", f"{1e3 * found.residual_rms_n:.2g} mN rms"),
         ("measured is late by", plus_minus(1e3 * found.late_s, 1e3 * found.late_std_s, unit="ms")),
         ("and as large as simulated", plus_minus(found.gain_ratio, found.gain_ratio_std, unit="times")),

@@ -423,7 +423,6 @@ def verify(
         merits[name] = {
             "off": check.off,
             "off_std": check.off_std,
-            "unfiltered_fit_percent": Dependent(check.unfiltered_fit_percent, *own),
         }
         findings += check.findings(tuple(own))
         lines.append(Dependent(check.text, *own))

@@ -33,24 +33,19 @@ _GAUSS = math.sqrt(math.log(2)) / (2 * math.pi)  # standard deviation of a kerne
 class Verification:
     """Thrust about its mean (n,), measured and simulated, both smoothed in the same way, without transient and end.
 
-    The means are left out, as a linear function does not determine them. `fit_percent` is 100 (1 - |y - yhat|/|y -
-    mean|), and `unfiltered_fit_percent` is the same with the vibration in y. At the sine's frequency, the measured
-    force is later than the simulated one by `late_s` (`late_rad` of its phase), and `gain_ratio` times as large; each
-    has its standard uncertainty.
+    The means are left out, as a linear function does not determine them. `ratio` is the measured sine over the
+    simulated one: the former is `gain_ratio` times as large, and later by `late_s`. Standard uncertainties are those of
+    the ratio's size, and of its phase in rad, at `frequency_rad_s`.
     """
 
     name: str
     time_s: Array
     measured_n: Array
     simulated_n: Array
-    fit_percent: float
-    unfiltered_fit_percent: float
-    late_s: float
-    late_std_s: float
-    late_rad: float
-    late_std_rad: float
-    gain_ratio: float
+    ratio: complex
     gain_ratio_std: float
+    phase_std_rad: float
+    frequency_rad_s: float
 
     @property
     def residual_n(self) -> Array:
@@ -63,14 +58,34 @@ class Verification:
         return float(np.sqrt(np.mean(self.residual_n**2)))
 
     @property
+    def fit_percent(self) -> float:
+        """100 (1 - |y - yhat|/|y|), of thrust about its mean."""
+        return float(100 * (1 - np.linalg.norm(self.residual_n) / np.linalg.norm(self.measured_n)))
+
+    @property
+    def gain_ratio(self) -> float:
+        """The size of the measured sine relative to the simulated one."""
+        return abs(self.ratio)
+
+    @property
+    def late_s(self) -> float:
+        """The time by which the measured sine is later, in s."""
+        return -cmath.phase(self.ratio) / self.frequency_rad_s
+
+    @property
+    def late_std_s(self) -> float:
+        """The standard uncertainty of that time, in s."""
+        return self.phase_std_rad / self.frequency_rad_s
+
+    @property
     def off(self) -> float:
         """The difference between the measured and the simulated sine, relative to the simulated one."""
-        return abs(self.gain_ratio * cmath.exp(-1j * self.late_rad) - 1)
+        return abs(self.ratio - 1)
 
     @property
     def off_std(self) -> float:
         """The standard uncertainty of `off`, in any direction."""
-        return math.hypot(self.gain_ratio_std, self.gain_ratio * self.late_std_rad)
+        return math.hypot(self.gain_ratio_std, self.gain_ratio * self.phase_std_rad)
 
     @property
     def accepted(self) -> bool:
@@ -81,10 +96,9 @@ class Verification:
     def text(self) -> str:
         """The comparison as a line."""
         return (
-            f"{self.name}: fit {self.fit_percent:.1f} % ({self.unfiltered_fit_percent:.1f} % with the vibration), "
-            f"residual {1e3 * self.residual_rms_n:.2g} mN rms; measured {1e3 * self.late_s:+.2f} +- "
-            f"{1e3 * self.late_std_s:.2g} ms later and {self.gain_ratio:.4f} +- {self.gain_ratio_std:.2g} times as "
-            "large as simulated"
+            f"{self.name}: fit {self.fit_percent:.1f} %, residual {1e3 * self.residual_rms_n:.2g} mN rms; measured "
+            f"{1e3 * self.late_s:+.2f} +- {1e3 * self.late_std_s:.2g} ms later and {self.gain_ratio:.4f} +- "
+            f"{self.gain_ratio_std:.2g} times as large as simulated"
         )
 
     def findings(self, keys: Sequence[str]) -> tuple[Finding, ...]:
@@ -117,39 +131,26 @@ def verify_run(
     `after_quickest_s` is the delay after the quickest reports, `delay_std_s` its standard uncertainty in this run.
     Raises DataError for a run that is too short to be compared.
     """
-    measured, in_run = run.force_n, replace(function, sample_s=run.sample_s)
-    simulated = in_run.simulate(run.sine.commands(), run.time_s - after_quickest_s)
-    inside = (run.time_s >= settle_s) & (run.time_s <= run.duration_s - END_S)
-    if inside.sum() < 2 or run.duration_s < settle_s + 2 * END_S + 2 / smoothed_hz:
+    if run.duration_s < settle_s + 2 * END_S + 2 / smoothed_hz:
         raise DataError(f"{run.name}: {run.duration_s:.1f} s are too short to be compared with a simulation.")
-    time_s, smooth = _smoothed(run.time_s, np.stack([measured, simulated]), smoothed_hz)
+    in_run = replace(function, sample_s=run.sample_s)
+    simulated = in_run.simulate(run.sine.commands(), run.time_s - after_quickest_s)
+    time_s, smooth = _smoothed(run.time_s, np.stack([run.force_n, simulated]), smoothed_hz)
     kept = (time_s >= settle_s) & (time_s <= run.duration_s - END_S)
     smooth = smooth[:, kept] - smooth[:, kept].mean(axis=1, keepdims=True)
     response = respond(run, settle_s=settle_s)
-    omega = response.frequency_rad_s
     ratio = response.value / respond(replace(run, force_n=simulated), settle_s=settle_s).value
     size_std, phase_std = response.polar_std
-    phase_std = math.hypot(phase_std, omega * delay_std_s)
     return Verification(
         name=run.name,
         time_s=time_s[kept],
         measured_n=smooth[0],
         simulated_n=smooth[1],
-        fit_percent=_fit_percent(smooth[0], smooth[1]),
-        unfiltered_fit_percent=_fit_percent(measured[inside], simulated[inside]),
-        late_s=-cmath.phase(ratio) / omega,
-        late_std_s=phase_std / omega,
-        late_rad=-cmath.phase(ratio),
-        late_std_rad=phase_std,
-        gain_ratio=abs(ratio),
+        ratio=ratio,
         gain_ratio_std=size_std / abs(response.value) * abs(ratio),
+        phase_std_rad=math.hypot(phase_std, response.frequency_rad_s * delay_std_s),
+        frequency_rad_s=response.frequency_rad_s,
     )
-
-
-def _fit_percent(measured: Array, simulated: Array) -> float:
-    about = measured - measured.mean()
-    missed = about - (simulated - simulated.mean())
-    return float(100 * (1 - np.linalg.norm(missed) / np.linalg.norm(about)))
 
 
 def _smoothed(time_s: Array, values: Array, hertz: float) -> tuple[Array, Array]:

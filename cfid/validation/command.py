@@ -45,8 +45,8 @@ def validate(
     Example: [bold]cfid validate log15.usd --with thesis --with gym-pybullet-drones[/bold]
     """
     from cfid.console.messages import note
-    from cfid.flight.supply import with_usable_voltage
     from cfid.flight.data import read_flight
+    from cfid.flight.supply import with_usable_voltage
     from cfid.validation.result import validate as compare
     from cfid.validation.sets import measured_in, published_set, sets_of
 
