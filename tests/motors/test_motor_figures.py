@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,10 @@ from cfid.motors.maps.figures import (
 from cfid.motors.maps.scales import verify_thrust
 from cfid.motors.panels import binned, scientific
 from cfid.motors.points import Points, frame
-from cfid.motors.vibration.figures import flag_rows, rotor_spectrum_figure
+from cfid.motors.vibration.figures import rotor_figure
+from cfid.recordings.wrench import WrenchRecord
+from cfid.records.parameters import Source
+from cfid.records.run import Label
 from tests.motors.sentences import rejections
 
 Look = Callable[[Figure], Any]
@@ -348,46 +352,31 @@ def test_voltage_and_command_stand_side_by_side_with_their_errors(look: Look) ->
 
 # Spectra
 
-FREQUENCY_HZ = np.arange(0.0, 3500.0, 0.5)
 
-
-def _spectrum(*lines_hz: float) -> Array:
-    noise = 1e-3 * np.random.default_rng(2).rayleigh(size=len(FREQUENCY_HZ))
-    return np.asarray(noise + sum(0.2 * np.exp(-(((FREQUENCY_HZ - line) / 1.0) ** 2)) for line in lines_hz))
-
-
-def test_each_line_of_a_rotor_has_a_flag_at_its_frequency(look: Look) -> None:
-    lines = [("M1 1×", 211.0), ("M3 1×", 213.5), ("M1 2×", 422.0), ("M3 2×", 427.0), ("M1 4×", 844.0)]
-    page = look(rotor_spectrum_figure(FREQUENCY_HZ, _spectrum(*(hz for _, hz in lines)), lines=lines, title="Fz_$1$"))
-    axes = page.panel("amplitude")
-    poles = {str(each.get_label()): each for each in axes.collections if isinstance(each, LineCollection)}
-    assert set(poles) == {f"{label} {hz:.0f} Hz" for label, hz in lines}
-    for label, hz in lines:
-        (segment,) = poles[f"{label} {hz:.0f} Hz"].get_segments()
-        assert segment[:, 0] == pytest.approx([hz, hz])
-        assert segment[0, 1] == pytest.approx(0.2, rel=0.2)
-        assert axes.get_xlim()[0] < hz < axes.get_xlim()[1]
-    assert page.overlapping() == []
-
-
-def test_sixteen_lines_of_four_rotors_keep_apart(look: Look) -> None:
-    lines = [(f"M{i} {k}×", k * (211.0 + 2 * i)) for i in (1, 2, 3, 4) for k in (1, 2, 3, 4)]
-    page = look(rotor_spectrum_figure(FREQUENCY_HZ, _spectrum(211.0), lines=lines, title="Fz"))
-    assert page.overlapping() == []
-
-
-def test_a_line_above_the_spectrum_is_not_marked(look: Look) -> None:
-    lines = [("M1 1×", 211.0), ("M1 20×", 4220.0)]
-    page = look(rotor_spectrum_figure(FREQUENCY_HZ, _spectrum(211.0), lines=lines, title="Fz"))
-    assert "4220" not in _written(page)
-
-
-@pytest.mark.parametrize("scale", [0.0, 1.0])
-def test_a_spectrum_without_lines_or_without_anything_is_drawn(look: Look, scale: float) -> None:
-    page = look(rotor_spectrum_figure(FREQUENCY_HZ, scale * _spectrum(), lines=[], title="Fz", unit="N m"))
-    assert page.panel("amplitude").get_ylabel() == "amplitude (N m)"
-    assert page.overlapping() == []
-
-
-def test_flags_that_would_touch_go_up() -> None:
-    assert flag_rows([0.8, 0.5, 0.48, 0.46, 0.1], [0.1] * 5) == [0, 0, 1, 2, 0]
+@pytest.mark.parametrize(
+    ("speed_hz", "marked"), [(53.0, ["1x 53 Hz", "2x 106 Hz", "4x 212 Hz"]), (90.0, ["1x 90 Hz", "2x 180 Hz"])]
+)
+def test_the_lines_of_a_rotor_are_marked_as_far_as_the_spectrum_reaches(
+    look: Look, speed_hz: float, marked: list[str]
+) -> None:
+    time_s = np.arange(0.0, 4.0, 1 / RATE_HZ)
+    force_n = np.zeros((len(time_s), 3))
+    force_n[:, 2] = 0.2 * np.sin(2 * np.pi * speed_hz * time_s) + 1e-3 * np.random.default_rng(2).normal(
+        size=len(time_s)
+    )
+    record = WrenchRecord(
+        path=Path("forces.csv"),
+        source=Source("forces.csv", 64 * "0"),
+        label=Label(),
+        time_s=time_s,
+        force_n=force_n,
+        torque_nm=np.zeros_like(force_n),
+        status=None,
+        findings=(),
+    )
+    page = look(rotor_figure(record, (1.0, 3.0), speed_rad_per_s=2 * np.pi * speed_hz, title="forces"))
+    amplitude, *lines = page.panel("amplitude").get_lines()
+    assert [line.get_label() for line in lines] == marked
+    assert lines[0].get_xdata()[0] == pytest.approx(speed_hz)
+    assert max(amplitude.get_ydata()) == pytest.approx(0.2, rel=0.05)
+    assert not page.overlapping()

@@ -15,8 +15,7 @@ from scipy.special import chdtrc
 from cfid.errors import FitError
 from cfid.estimate.propagation import widened
 from cfid.findings import Finding, note, rejection, texts, warning
-from cfid.motors.vibration.lines import Family, LineFit, fit_lines, fit_parts
-from cfid.motors.vibration.spectrum import Comb, even_times, spectrum
+from cfid.motors.vibration.spectrum import Comb, Family, LineFit, even_times, fit_lines, fit_parts, spectrum
 
 Array = npt.NDArray[np.float64]
 
@@ -39,14 +38,13 @@ _DISTINCT = 5.0  # standard deviations between speeds
 
 
 class Rotor(NamedTuple):
-    """A rotor's mean speed over the window, its drift, and the lines (h,) that it makes in the channels Fx to Tz.
+    """A rotor's mean speed over the window, and the lines (h,) that it makes in the channels Fx to Tz.
 
     Channel c moves as the sum of amplitude[h, c] cos(harmonics[h] angle + phase_rad[h, c]); the angle is 0 mid-window.
     """
 
     speed_rad_per_s: float
     std_rad_per_s: float
-    drift_rad_per_s2: float
     harmonics: tuple[int, ...]
     amplitude: Array
     phase_rad: Array
@@ -57,16 +55,14 @@ class RotorSpeed:
     """The rotors found in the vibration of a window, in ascending order of speed, and the mean of their speeds.
 
     `resolved` is false where fewer rotors than expected were found: the mean's standard uncertainty then allows for
-    those that hide in one line. `octave_margin` is the log odds of this speed against half, double or another simple
-    multiple of it. `wander_rad_per_s` is how far the speed strays from a straight line between parts of the window, 0
-    where noise explains that. A rejection among the `findings` concerns the speed of this window.
+    those that hide in one line. `wander_rad_per_s` is how far the speed strays from a straight line between parts of
+    the window, 0 where noise explains that. A rejection among the `findings` concerns the speed of this window.
     """
 
     speed_rad_per_s: float
     std_rad_per_s: float
     rotors: tuple[Rotor, ...]
     resolved: bool
-    octave_margin: float
     wander_rad_per_s: float
     findings: tuple[Finding, ...]
 
@@ -133,7 +129,6 @@ def aliased(interval_s: float, blades: int, largest_rad_per_s: float) -> list[Fi
 
 class _ChosenFamily(NamedTuple):
     family: Family
-    margin: float
     rejections: list[Finding]
 
 
@@ -185,7 +180,7 @@ def _search(wrench: Array, interval_s: float, comb: Comb, between: tuple[float, 
     centre = spectrum(signal=wrench[(len(wrench) - length) // 2 :][:length], interval_s=interval_s)
     around = comb.candidates(seen, (multiples[best] * (1 - _SAME), multiples[best] * (1 + _SAME)))
     start = around[np.argmax(comb.score(comb.lines(centre, around)))]
-    return _ChosenFamily(Family(float(start), clear_lines(comb, lines[:, best])), margin, rejections)
+    return _ChosenFamily(Family(float(start), clear_lines(comb, lines[:, best])), rejections)
 
 
 def _with_more(time: Array, wrench: Array, fit: LineFit, rotors: int) -> LineFit:
@@ -253,7 +248,6 @@ def _result(time: Array, wrench: Array, fit: LineFit, found: _ChosenFamily, expe
         std_rad_per_s=std,
         rotors=tuple(sorted(rotors, key=lambda rotor: rotor.speed_rad_per_s)),
         resolved=count == expected,
-        octave_margin=found.margin,
         wander_rad_per_s=wander,
         findings=tuple(findings),
     )
@@ -261,4 +255,4 @@ def _result(time: Array, wrench: Array, fit: LineFit, found: _ChosenFamily, expe
 
 def _rotor(fit: LineFit, k: int) -> Rotor:
     speed, lines, std = fit.families[k].rad_per_s, fit.amplitude[k], math.sqrt(fit.covariance[k, k])
-    return Rotor(speed, std, fit.drift_per_s * speed, fit.families[k].harmonics, np.abs(lines), np.angle(lines))
+    return Rotor(speed, std, fit.families[k].harmonics, np.abs(lines), np.angle(lines))

@@ -17,8 +17,7 @@ from cfid.motors.vibration.estimation import (
     clear_lines,
     rotor_comb,
 )
-from cfid.motors.vibration.lines import Family, fit_lines
-from cfid.motors.vibration.spectrum import even_times, spectrum
+from cfid.motors.vibration.spectrum import Family, even_times, fit_lines, spectrum
 
 Array = npt.NDArray[np.float64]
 
