@@ -50,7 +50,6 @@ _MANOEUVRES = {
 # Limits on the mean force of a flight, in g: less does not carry it, more means steep flight; public logs have 1.01 to
 # 1.05.
 _LIGHTEST, _HEAVIEST = 0.9, 1.3
-_TILTED_DEG = 6.0  # public logs: 0.2 to 1.0
 _OF_ARM = 0.08, 0.9  # the moment over mass times arm squared: published quadrocopters have 0.2 to 0.4
 # The limit on the unexplained part with one common thrust, relative to that with a thrust for each log, and the least
 # unexplained part. Logs of one vehicle have 1.0 to 1.3; two thrusts that differ by 7 % have 2.7.
@@ -319,13 +318,11 @@ def square_findings(flown: FlownLog) -> list[Finding]:
 
 
 def weight_findings(flown: FlownLog) -> list[Finding]:
-    """Judge specific forces in the air: their mean has to carry the vehicle, and point along z where it hovers."""
+    """Judge specific forces in the air: their mean has to carry the vehicle."""
     force = flown.flight.force[flown.flight.airborne]
     if not len(force):
         return []
     size = float(np.mean(np.linalg.norm(force, axis=1))) / USUAL_GRAVITY_MPS2
-    mean = np.mean(force, axis=0)
-    tilt_deg = math.degrees(math.atan2(math.hypot(mean[0], mean[1]), mean[2]))
     text = (
         f"the accelerometer shows {size:.2f} g in the mean of the flight, which carries the vehicle with 1 g where it "
         f"hovers (limits {_LIGHTEST:g} and, without steep turns, {_HEAVIEST:g}): see its scale, which thrust and "
@@ -337,12 +334,6 @@ def weight_findings(flown: FlownLog) -> list[Finding]:
         findings.append(rejection("flight-weight-unlike", text, *keys))
     elif size > _HEAVIEST:
         findings.append(warning("flight-weight-unlike", text, *keys))
-    if tilt_deg > _TILTED_DEG:
-        text = (
-            f"the specific force is {tilt_deg:.0f} degrees off z in the mean (limit {_TILTED_DEG:g}): fast flight one "
-            "way, wind, or a tilted accelerometer, which makes thrust and moments wrong."
-        )
-        findings.append(warning("flight-force-tilted", text, *keys))
     return [each.at(flown.flight.name) for each in findings]
 
 

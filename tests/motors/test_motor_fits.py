@@ -12,6 +12,7 @@ import pytest
 
 from cfid.console.inputs import open_workplace
 from cfid.console.options import RigOptions
+from cfid.errors import ConfigError
 from cfid.estimate.voltage_cubic import cubic_fault
 from cfid.motors import maps
 from cfid.motors.maps.data import Stand, read_evidence
@@ -22,7 +23,6 @@ from cfid.records.run_writer import create_run
 from cfid.sim.propulsion import BatteryTruth, RotorTruth
 from tests.campaigns import sentences
 from tests.kept import sections_at
-from tests.motors.sentences import remarks
 from tests.motors.stand_in_a_folder import climbed, write_run, write_thesis_file
 from tests.places import DATA
 
@@ -160,7 +160,7 @@ def test_a_tachometers_readings_are_divided_by_the_markers(cfid: Cfid, tmp_path:
     assert "implausible" in doubled.stderr
 
 
-def test_a_tachometers_markers_are_those_of_rig_toml_or_of_the_run_and_noted_where_nobody_stated_them(
+def test_a_tachometers_markers_are_those_of_rig_toml_or_of_the_run_and_asked_for_where_nobody_stated_them(
     tmp_path: Path,
 ) -> None:
     (tmp_path / RIG_FILE).write_text(new_rig_text().replace("markers = 2", "markers = 4"))
@@ -178,23 +178,21 @@ def test_a_tachometers_markers_are_those_of_rig_toml_or_of_the_run_and_noted_whe
     ) as run:
         run.append("readings", ([0.0, 1.0], [10000, 20000], [20000.0, 40000.0]))
 
-    def told(*words: object, **options: Any) -> tuple[float, list[str]]:
+    def told(*words: object, **options: Any) -> float:
         rig = RigOptions() if options.pop("borrowed", False) else RigOptions(campaign=tmp_path)
         evidence = read_evidence(
             [str(word) for word in words], open_workplace(rig), known=Stand(markers=options.get("markers")),
             table=options.get("table"), kind="speed", method="default",
         )  # fmt: skip
         assert evidence.points.speed_rad_s is not None
-        divided_by = round(20000 * 2 * np.pi / 60 / float(evidence.points.speed_rad_s[0]), 9)
-        return divided_by, [said for said in remarks(evidence) if "assumed" in said]
+        return round(20000 * 2 * np.pi / 60 / float(evidence.points.speed_rad_s[0]), 9)
 
-    assert told(run.folder) == (2, [])
-    assert told(run.folder, markers=1) == (1, [])
-    assert told(table=table) == (4, [])
-    assert told(table=stand) == (1, [])
-    markers, (said,) = told(table=table, borrowed=True)
-    assert markers == 1
-    assert said.startswith("rpm.csv: 1 marker of the tachometer is assumed, as in version 0.1")
+    assert told(run.folder) == 2
+    assert told(run.folder, markers=1) == 1
+    assert told(table=table) == 4
+    assert told(table=stand) == 1
+    with pytest.raises(ConfigError, match="give `markers`"):
+        told(table=table, borrowed=True)
 
 
 def test_figures_are_drawn_beside_the_parameters(cfid: Cfid, campaign: Path) -> None:

@@ -10,6 +10,7 @@ import pytest
 
 from cfid.errors import DataError, FitError
 from cfid.motors.maps import fit_speed, fit_thrust
+from cfid.motors.maps.data import Stand
 from cfid.motors.maps.verdict import of_forces, of_readings
 from cfid.recordings.vehicle import shown_at_commands
 from cfid.records.files import RIG_FILE
@@ -86,7 +87,7 @@ def test_a_speed_that_was_typed_last_gives_a_map_with_the_run_that_it_completes(
     second = typed(tmp_path, "complete", {30000: 15300.0}, resumes=first.folder.name)
 
     assert of_readings(second).endswith(f" It gives a map together with {first.folder.name}, which it completes.")
-    assert fit_speed([first, second]).accepted
+    assert fit_speed([first, second], stand=Stand(markers=1)).accepted
 
 
 def test_a_speed_that_the_fit_rejects_beside_those_before_is_of_no_use(tmp_path: Path) -> None:

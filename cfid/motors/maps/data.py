@@ -85,14 +85,11 @@ class Stand:
         known = given.over(facts)
         return replace(self, markers=known.tachometer.markers, flip_fz=known.loadcell.flip_fz, facts=facts)
 
-    def divided(self, speed_rad_s: Array, name: str) -> tuple[Array, tuple[Finding, ...]]:
-        """Return speeds (n,) in rad/s from a tachometer's readings, and a finding where its markers are not stated."""
-        text = (
-            "1 marker of the tachometer is assumed, as in version 0.1: no rig.toml stated it when this was recorded, "
-            "and it was not given."
-        )
-        findings = (note("fact-assumed", text, "motor.speed_poly").at(name),)
-        return speed_rad_s / (self.markers or 1), findings if self.markers is None else ()
+    def divided(self, speed_rad_s: Array, path: Path) -> Array:
+        """Return speeds (n,) from a tachometer's readings. Raises ConfigError where its markers are not stated."""
+        if self.markers is None:
+            raise ConfigError(f"{path}: no rig.toml stated how many markers the tachometer counts: give `markers`.")
+        return speed_rad_s / self.markers
 
 
 class Reduced(NamedTuple):
@@ -320,8 +317,13 @@ def of_completed(run: Run) -> dict[str, Evidence]:
     completed: dict[str, Evidence] = {}
     for part in with_completed(run)[:-1]:
         with suppress(DataError, FitError):
-            completed[part.folder.resolve().name] = of_run(part, Stand())
+            completed[part.folder.resolve().name] = of_run(part, counted_in(part))
     return {name: evidence for name, evidence in completed.items() if len(evidence.points)}
+
+
+def counted_in(run: Run) -> Stand:
+    """Return the facts by which a run is judged as soon as it is recorded: one marker where none is stated."""
+    return Stand(markers=run.header.rig.tachometer.markers or 1)
 
 
 def _of_staircase(
@@ -425,10 +427,9 @@ def _of_tachometer(run: Run, stand: Stand) -> Evidence:
         if not np.any(command > 0):
             raise DataError(f"{run.folder}: no command was held to its end.")
         command, rpm = command[command > 0], rpm[command > 0]
-    speed, findings = stand.divided(rotor_speed_rad_s(rpm, markers=1), run.folder.name)
     return Evidence(
-        points=frame(command, speed_rad_s=speed),
-        findings=(*rows.findings, *findings),
+        points=frame(command, speed_rad_s=stand.divided(rotor_speed_rad_s(rpm, markers=1), run.folder)),
+        findings=rows.findings,
         sources=(rows.source,),
         tachometers=(stand.facts,),
     )
@@ -513,20 +514,19 @@ def _share(table: StandTable, stand: Stand) -> int:
 
 def _of_points(table: StandTable, stand: Stand) -> Evidence:
     """Return a table's settled points; several series of one rotor give as many points."""
-    share, findings = _share(table, stand), table.findings
+    share = _share(table, stand)
     thrust, torque = (None if total is None else total / share for total in (table.thrust_n, table.torque_nm))
     points = frame(table.command, thrust_n=thrust, torque_nm=torque, vbat_v=table.vbat_v)
     mean_speed = table.square_mean_speed_rad_s
     if table.speeds_rad_s is not None and mean_speed is not None:
         series = list(table.speeds_rad_s.T) if table.speeds == "series" else [mean_speed]
-        divided = [stand.divided(speed, table.path.name) for speed in series]
-        findings += divided[0][1]
+        divided = [stand.divided(speed, table.path) for speed in series]
         if thrust is not None and len(series) == 1:
-            points = points.assign(speed_rad_s=divided[0][0])
+            points = points.assign(speed_rad_s=divided[0])
         else:
-            speeds = [frame(table.command, speed_rad_s=speed, vbat_v=table.vbat_v) for speed, _ in divided]
+            speeds = [frame(table.command, speed_rad_s=speed, vbat_v=table.vbat_v) for speed in divided]
             points = joined(*([] if thrust is None else [points]), *speeds)
-    return Evidence(points=points, findings=findings)
+    return Evidence(points=points, findings=table.findings)
 
 
 def _of_record(table: StandTable, time_s: Array, stand: Stand) -> Evidence:
@@ -555,26 +555,26 @@ def _of_record(table: StandTable, time_s: Array, stand: Stand) -> Evidence:
     except CfidError as error:
         raise type(error)(f"{table.path}: {error}") from None
     if table.thrust_n is None:
-        speed, findings = stand.divided(np.array([point.mean[0] for point in settled]), name)
+        speed = stand.divided(np.array([point.mean[0] for point in settled]), table.path)
         return Evidence(
             points=frame([float(point.command or 0) for point in settled], speed_rad_s=speed),
             lines=_lines(reduced.points, name),
-            findings=(*table.findings, *findings, *_merged(_about_speeds(reduced, name), len(reduced.points))),
+            findings=(*table.findings, *_merged(_about_speeds(reduced, name), len(reduced.points))),
         )
-    points, findings = points_of(settled, thrust=0, torque=1, source=str(table.path)), ()
+    points = points_of(settled, thrust=0, torque=1, source=str(table.path))
     forces = [held for held in points.columns if held.startswith(("thrust", "torque"))]
     points[forces] /= _share(table, stand)
     if commands is None:
         points["command"] = np.nan
     if speeds is not None:
-        points["speed_rad_s"], findings = stand.divided(_mean_of_known(settled, time_s, speeds), name)
+        points["speed_rad_s"] = stand.divided(_mean_of_known(settled, time_s, speeds), table.path)
     if table.vbat_v is not None:
         points["vbat_v"] = _mean_of_known(settled, time_s, table.vbat_v)
     about_steps = tuple(finding.at(name) for finding in reduced.findings)
     return Evidence(
         points=points,
         lines=_lines(settled, name),
-        findings=(*table.findings, *findings, *_merged(about_steps, len(reduced.points))),
+        findings=(*table.findings, *_merged(about_steps, len(reduced.points))),
         reduced=(
             Reduced(table.path.stem, chosen_rows(time_s, known), chosen_rows(table.thrust_n, known), reduced, thrust=0),
         ),

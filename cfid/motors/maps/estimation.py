@@ -485,9 +485,18 @@ class MaximumThrust:
     by_volts: PolynomialFit | None
     measured_n: float
     measured_command: float
-    hover_mass_kg: float
-    hover_mass_std_kg: float
+    gravity_mps2: float
     findings: tuple[Finding, ...]
+
+    @property
+    def hover_mass_kg(self) -> float:
+        """The mass that four motors of this thrust hold in hover: 0.15 N gives 61.16 g (section 3.3.1)."""
+        return ROTORS * self.thrust_n / self.gravity_mps2
+
+    @property
+    def hover_mass_std_kg(self) -> float:
+        """The standard uncertainty of that mass."""
+        return ROTORS * self.std_n / self.gravity_mps2
 
 
 def invert(thrust_map: MotorMap) -> InverseMap:
@@ -540,8 +549,7 @@ def maximum_thrust(thrust_map: MotorMap, *, gravity_mps2: float) -> MaximumThrus
         by_volts=None,
         measured_n=float(thrust_map.y[largest]),
         measured_command=float(thrust_map.command[largest]),
-        hover_mass_kg=hover_mass_kg(thrust_n=thrust, gravity_mps2=gravity_mps2),
-        hover_mass_std_kg=hover_mass_kg(thrust_n=std, gravity_mps2=gravity_mps2),
+        gravity_mps2=gravity_mps2,
         findings=(beyond,) if far else (),
     )
 
@@ -584,17 +592,7 @@ def on_battery(
     if voltage.better == "neither":
         beyond_std = math.hypot(beyond_std, (thrust - most.thrust_n) / math.sqrt(3))
     total = math.hypot(float(fit.std_at(volts)[0]), beyond_std)
-    ratio = most.hover_mass_kg / most.thrust_n
-    return replace(
-        most,
-        thrust_n=thrust,
-        std_n=total,
-        beyond_std_n=beyond_std,
-        volts=volts,
-        by_volts=fit,
-        hover_mass_kg=ratio * thrust,
-        hover_mass_std_kg=ratio * total,
-    )
+    return replace(most, thrust_n=thrust, std_n=total, beyond_std_n=beyond_std, volts=volts, by_volts=fit)
 
 
 def missed(fit: PolynomialFit, at: float) -> float:
@@ -613,11 +611,6 @@ def missed(fit: PolynomialFit, at: float) -> float:
     miss = float(np.mean(value[end])) - float(shorter.at(last))
     own = float(shorter.std_at(last)[0]) ** 2 + (0.0 if std is None else float(np.mean(std[end] ** 2)))
     return _FURTHER * (math.sqrt(max(miss**2 - own, 0.0)) if math.isfinite(own) else abs(miss))
-
-
-def hover_mass_kg(*, thrust_n: float, gravity_mps2: float) -> float:
-    """Return the mass that four motors of this thrust hold in hover: 0.15 N gives 61.16 g (section 3.3.1)."""
-    return ROTORS * thrust_n / gravity_mps2
 
 
 def _rising(fit: PolynomialFit) -> tuple[float, float]:

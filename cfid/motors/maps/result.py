@@ -403,7 +403,7 @@ def _part(fit: PolynomialFit, windows: Array, values: dict[str, Any], outward: A
 
 def _with_maximum(part: _Part, most: MaximumThrust, at: float) -> _Part:
     """Add largest thrust and hover mass, which follow from the polynomial `at` a command or voltage."""
-    both = np.array([[1.0], [most.hover_mass_kg / most.thrust_n]])
+    both = np.array([[1.0], [ROTORS / most.gravity_mps2]])
     return part._replace(
         values=part.values | {"motor.max_thrust_n": most.thrust_n, "motor.hover_mass_kg": most.hover_mass_kg},
         outward=np.vstack([part.outward, both * np.vander([float(at)], part.fit.order + 1)]),

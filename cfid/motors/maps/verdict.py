@@ -9,7 +9,7 @@ import numpy.typing as npt
 from cfid.counted import counted
 from cfid.errors import DataError, FitError
 from cfid.findings import joined, texts
-from cfid.motors.maps.data import Evidence, Stand, of_completed, of_record, together
+from cfid.motors.maps.data import Evidence, Stand, counted_in, of_completed, of_record, together
 from cfid.motors.maps.result import fit_speed, fit_thrust, fit_torque
 from cfid.motors.maps.scales import weighing_of
 from cfid.motors.plan import FEWEST_COMMANDS, StaircasePlan, expected_of
@@ -196,7 +196,7 @@ def _about_speeds(run: Run, command: Array) -> str:
     before = of_completed(run)
     if lacking := _too_few(command, before, "speed"):
         return lacking
-    result = judged(fit_speed([*before.values(), run]), _rig_around(run))
+    result = judged(fit_speed([*before.values(), run], stand=counted_in(run)), _rig_around(run))
     if result.accepted:
         return _in_parts(before)
     counts_markers = holds(run, READINGS) or holds(run, TACHOMETER)
