@@ -194,7 +194,7 @@ def fit_alone(flight: Flight) -> FlightFit | None:
         return None
 
 
-@lru_cache(8)
+@lru_cache(1)
 def roughly_fitted(*flights: Flight) -> Fitted:
     """Return equations with the rotors' contributions at the first parameters, of coarse lags: fast, but not exact."""
     equations = Equations([equations_of(flight) for flight in flights])

@@ -1,7 +1,8 @@
 """Provide `cfid log sine`, `cfid tf identify` and `cfid tf verify`: sines, their transfer function, and its check."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -32,9 +33,8 @@ if TYPE_CHECKING:
     from cfid.transfer.data import SineSet
     from cfid.transfer.model import TransferFunction
     from cfid.transfer.plan import Sine, SineSweep
-    from cfid.transfer.thesis import ThesisSettings
 
-_measured_option, _model_option, _thesis_option = panel("What was measured"), panel("Model"), panel("As the thesis")
+_measured_option, _model_option = panel("What was measured"), panel("Model")
 _function_option, _sine_option = panel("Transfer function"), panel("Sine")
 _LARGEST_N = 2**32 - 1
 _USUAL_N = 4000
@@ -46,6 +46,10 @@ _EXAMPLE = "1,-0.97"
 
 Words = Annotated[
     list[str] | None, typer.Argument(metavar="RUN ...", help="Runs of cfid log sine; default: all complete ones.")
+]
+Preset = Annotated[
+    Literal["first", "second"] | None,
+    typer.Option(help="Constants of C.2.5 for the thesis method: those of its first or second series; default: by N."),
 ]
 Compare = Annotated[Literal["eq3.15", "eq3.16"] | None, typer.Option(help="Result of the thesis to compare with.")]
 
@@ -132,34 +136,6 @@ class FitOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ThesisOptions:
-    """The constants of C.2.5; the thesis has one set for each of its two series."""
-
-    preset: Annotated[
-        Literal["first", "second"] | None,
-        _thesis_option(help="Settings of the thesis' first or second series; default: chosen by N."),
-    ] = None
-    settle_samples: Annotated[
-        int | None,
-        _thesis_option("--n-t", min=1, help="N_T, the number of samples to leave out at the start."),
-    ] = None
-    weight_low: Annotated[float | None, _thesis_option(min=0, help="Weight of slow sines; enters squared.")] = None
-    weight_high: Annotated[float | None, _thesis_option(min=0, help="Weight of the other sines.")] = None
-    low_up_to: Annotated[int | None, _thesis_option(min=0, help="Largest l that counts as slow.")] = None
-    count_up_to: Annotated[int | None, _thesis_option(min=1, help="Largest l to use.")] = None
-    denominator: Annotated[int, _thesis_option("--a", min=1, help="A of eq. 3.10.")] = 2
-    numerator: Annotated[int, _thesis_option("--b", min=1, help="B of eq. 3.10.")] = 1
-
-    def settings(self, samples: int) -> "ThesisSettings":
-        """Return the settings for runs of N samples."""
-        from cfid.transfer.thesis import FIRST_SERIES, SECOND_SERIES, settings_of
-
-        presets = {None: settings_of(samples), "first": FIRST_SERIES, "second": SECOND_SERIES}
-        given = {name: value for name, value in asdict(self).items() if name != "preset" and value is not None}
-        return replace(presets[self.preset], **given)
-
-
-@dataclass(frozen=True, kw_only=True)
 class FunctionOptions:
     """A transfer function given by its numbers, instead of the campaign's."""
 
@@ -183,9 +159,9 @@ def identify(
     runs: Words = None,
     inputs: SineInputs,
     fit: FitOptions,
-    thesis: ThesisOptions,
     rig: RigOptions,
     delivery: Delivery,
+    preset: Preset = None,
     compare: Compare = None,
     method: Method = "default",
 ) -> None:
@@ -196,6 +172,7 @@ def identify(
     Example: [bold]cfid tf identify 2026-11-21_083012_sine_l1 2026-11-21_083030_sine_l2 ...[/bold]
     """
     from cfid import transfer
+    from cfid.transfer.thesis import settings_of
 
     workplace = open_workplace(rig)
     sines = inputs.read(runs, workplace)
@@ -205,7 +182,7 @@ def identify(
         shape=fit.shape,
         settle_s=fit.settle_s,
         cutoff_hz=fit.cutoff_hz,
-        settings=thesis.settings,
+        settings=partial(settings_of, preset=preset),
         thrust_poly=_thrust_poly(workplace),
         compare=compare,
         method=method,

@@ -7,6 +7,7 @@ its time constant. Nothing here corrects for that.
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -96,9 +97,10 @@ class ThesisFits:
     joint: ThesisFit
 
 
-def settings_of(samples: int) -> ThesisSettings:
-    """Return the thesis' settings for runs of N samples."""
-    return SECOND_SERIES if samples == _SECOND_SAMPLES else FIRST_SERIES
+def settings_of(samples: int, *, preset: Literal["first", "second"] | None = None) -> ThesisSettings:
+    """Return the thesis' settings of a series; without its name, that of runs of N samples."""
+    second = samples == _SECOND_SAMPLES if preset is None else preset == "second"
+    return SECOND_SERIES if second else FIRST_SERIES
 
 
 def fit_all(

@@ -162,7 +162,6 @@ def test_a_channel_that_does_not_measure_the_motor_gives_no_numbers(tf: Here, in
         ("--index index.csv --yaw-deg nan", 2),
         ("--index index.csv --cutoff-hz 0.1", 5),
         ("--index index.csv --settle-s 3.9", 5),
-        ("--index index.csv --method thesis --n-t 1999", 4),
     ],
 )
 def test_invalid_options_are_refused(tf: Here, index: Path, words: str, code: int) -> None:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cfid.errors import DataError
 from cfid.sim.link import RadioTruth
 from cfid.transfer.alignment import RecordedSine, Sign, align
 from cfid.transfer.estimation import fit_transfer, measure
@@ -115,6 +116,12 @@ def test_with_the_radio_late_and_rotors_shaking_it_is_off_where_the_default_is_n
     assert abs(joint.time_constant_s / LAG_S - 1) < 0.01
     elsewhere = [one for one in thesis.findings if one.code == "thesis-peak-elsewhere"]
     assert len(elsewhere) == sum(response.elsewhere for response in thesis.responses) > 3
+
+
+def test_a_run_without_a_whole_period_after_the_first_samples_is_refused() -> None:
+    (run,) = exact(*EQUATIONS[0], periods=[4], samples=4000)
+    with pytest.raises(DataError, match="no whole period is left"):
+        thesis_response(run, settle_samples=3500)
 
 
 def test_a_pole_that_does_not_decay_has_no_time_constant_and_is_rejected() -> None:
