@@ -54,7 +54,7 @@ _STARTS_S = (0.02, 0.04, 0.07, 0.12)
 # to 1.1.
 _LATE_S, _CLEARLY = (0.02, 0.035), 1.4
 _MOST_ROUNDS = 100  # in which noise and parameters are estimated alternately
-_MORE = 1.4  # times the share of a step, where it goes on as the last one: twice as much would alternate again
+_MORE = 1.2  # times the share of a parameter's step, where it goes on as the last one: twice as much would alternate
 _SETTLED = 0.05  # standard uncertainties: the largest change of a parameter in the last round
 
 _GRID_S = ROW_S / 24  # the error of lags: in calm air they are 0.3 to 0.4 ms too long, with steps of 2 and 3.3 ms
@@ -304,10 +304,10 @@ def settled(equations: Equations, p: Array) -> tuple[Equations, Array, Array, Ar
     The solution is parameters (10,), and slopes (n, 9) and residuals (n,) of the whitened errors. Each round is a step
     by Gauss and Newton. Away from the solution, past errors contain the effects of the rotors and absorb most of a
     parameter's change, so that a step goes too far: full steps can alternate forever between two states on either side
-    of the solution. Where a step reverses the last one, half of its share is taken, else more. Raises FitError where
-    the parameters do not converge although rotors explain the vertical force.
+    of the solution. Where a parameter's step reverses its last one, half of the share is taken, else more. Raises
+    FitError where the parameters do not converge although rotors explain the vertical force.
     """
-    last, share = np.zeros(TURNS.stop - 1), 1.0
+    last, share = np.zeros(TURNS.stop - 1), np.ones(TURNS.stop - 1)
     for _ in range(_MOST_ROUNDS):
         equations = equations.whitened(p)
         slopes, residual = _without_constant(equations.jacobian(p)), equations.residual(p)
@@ -316,8 +316,8 @@ def settled(equations: Equations, p: Array) -> tuple[Equations, Array, Array, Ar
         moved = _without_constant(step) / np.maximum(np.linalg.norm(gain, axis=1), 1e-300)
         if np.all(np.abs(moved) <= _SETTLED):
             return equations, p, slopes, residual
-        share = share / 2 if moved @ last < 0 else min(_MORE * share, 1.0)
-        p, last = p + share * step, moved
+        share = np.where(moved * last < 0, share / 2, np.minimum(_MORE * share, 1.0))
+        p, last = p + with_constant(share) * step, moved
     if explained_of([(block, fitted_in(block, p)) for block in equations.at(p)], None) < EXPLAINED:
         return equations, p, slopes, residual  # a finding rejects thrust and moments then; drag does not rest on them
     raise FitError(

@@ -34,21 +34,15 @@ class RotorOptions:
         typer.Option(metavar="FROM,TO", help="Range of speeds to search, in rad/s.", rich_help_panel=_ROTOR),
     ] = None
 
-    @property
-    def expected_rad_s(self) -> tuple[float, float] | None:
-        """The range of speeds to search. Raises ConfigError for an invalid one."""
-        if self.expect is None:
-            return None
-        low, high = span(self.expect, "--expect", unit="rad/s", example="400,3500")
-        return positive(low, "--expect"), high
-
     def rotors_known(self) -> "Rotors":
-        """Return the options in the form that fits take. Raises ConfigError for an invalid range."""
+        """Return the options in the form that fits take. Raises ConfigError for an invalid range of speeds."""
         from cfid.motors.vibration.data import Rotors
 
-        return Rotors(
-            number=self.rotors, blades=self.blades, mains_hz=self.mains_hz, expected_rad_per_s=self.expected_rad_s
-        )
+        between = None
+        if self.expect is not None:
+            low, high = span(self.expect, "--expect", unit="rad/s", example="400,3500")
+            between = positive(low, "--expect"), high
+        return Rotors(number=self.rotors, blades=self.blades, mains_hz=self.mains_hz, expected_rad_per_s=between)
 
 
 @flat
@@ -68,17 +62,8 @@ def rotor(
     from cfid.recordings.read import read_recording
     from cfid.recordings.wrench import LOADCELL, wrench_of
 
-    expected = options.expected_rad_s
+    rotors = options.rotors_known()
     workplace = open_workplace(rig)
     path = find_recording(run, workplace, lambda one: LOADCELL in one.header.devices)
-    record = wrench_of(read_recording(path))
-    result = fit(
-        record,
-        rotors=options.rotors,
-        blades=options.blades,
-        mains_hz=options.mains_hz,
-        expected_rad_per_s=expected,
-        from_s=cut.from_s,
-        to_s=cut.to_s,
-    )
+    result = fit(wrench_of(read_recording(path)), rotors=rotors, from_s=cut.from_s, to_s=cut.to_s)
     deliver(replace(result, folder=workplace.figures), delivery, workplace.campaign, workplace.own_rig)

@@ -51,23 +51,19 @@ class RotorWindow:
 def fit(
     recording: WrenchRecord | Run | Path | str,
     *,
-    rotors: int | None = None,
-    blades: int = 2,
-    mains_hz: float | None = None,
-    expected_rad_per_s: tuple[float, float] | None = None,
+    rotors: Rotors | None = None,
     from_s: float | None = None,
     to_s: float | None = None,
 ) -> Result:
     """Return the rotors' speeds in each steady window of a recording, or from `from_s` to `to_s`.
 
-    Without `rotors`, the number that the run states is used, or else one; `mains_hz` is the frequency of a hum to
-    ignore. Raises DataError for a recording that cannot be read or has no window, FitError where no step settles.
+    Without `rotors`, their number is that which the run states, or else one. Raises DataError for a recording that
+    cannot be read or has no window, FitError where no step settles.
     """
     record = _record(recording)
-    known = Rotors(number=rotors, blades=blades, mains_hz=mains_hz, expected_rad_per_s=expected_rad_per_s)
     staircase = reduce_run(record) if from_s is None and to_s is None else None
     try:
-        vibration = VibrationRecord(record, known)
+        vibration = VibrationRecord(record, rotors or Rotors())
         windows = [_between(record, vibration, from_s, to_s)] if staircase is None else _steps(staircase, vibration)
     except CfidError as error:
         raise type(error)(f"{record.path}: {error}") from None
