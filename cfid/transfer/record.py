@@ -6,6 +6,8 @@ from dataclasses import replace
 from itertools import chain
 from typing import Any
 
+import numpy as np
+
 from cfid.console.live import LiveLine
 from cfid.console.log_summary import summary
 from cfid.console.messages import note as speech
@@ -26,7 +28,6 @@ from cfid.rig.run import Plan
 from cfid.rig.sine import Crossings
 from cfid.transfer.alignment import align
 from cfid.transfer.data import read_sines
-from cfid.transfer.frequency_response import drive_of, respond
 from cfid.transfer.plan import CUTOFF_HZ, PLANNED, Sine
 from cfid.units import FULL_COMMAND, MOTORS
 from cfid.wire.app import MIDDLE, SineRequest
@@ -161,8 +162,12 @@ def verdict(run: Run) -> str:
     (played,) = align(sines.runs).runs
     if not played.sine.periods:
         return f"a constant command, thrust {1e3 * played.force_n.mean():.1f} mN."
-    response, drive = respond(played), drive_of(played)
-    amplitude_n, std_n = drive * abs(response.value), drive * response.std
+    during = (played.time_s > 0) & (played.time_s < played.duration_s)
+    force_n, phase = played.force_n[during], played.frequency_rad_s * played.time_s[during]
+    columns = np.stack([np.ones_like(phase), np.cos(phase), np.sin(phase)], axis=1)
+    values = np.linalg.lstsq(columns, force_n, rcond=None)[0]
+    amplitude_n = float(np.hypot(values[1], values[2]))
+    std_n = float(np.std(force_n - columns @ values)) * (2 / len(force_n)) ** 0.5
     if amplitude_n < _FELT * std_n:
         raise FitError(
             f"the load cell does not measure it: {1e3 * amplitude_n:.2g} mN at its frequency, noise {1e3 * std_n:.2g} "
