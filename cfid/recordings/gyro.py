@@ -14,7 +14,7 @@ import numpy.typing as npt
 from cfid.errors import DataError
 from cfid.recordings.recording import Array, Column, Series
 from cfid.recordings.stamps import stamped_times
-from cfid.units import split_unit
+from cfid.units import CRYSTAL_STD, split_unit
 
 Marks = npt.NDArray[np.bool_]
 
@@ -26,7 +26,6 @@ SCALE_STD = 0.01
 ALIGNMENT_STD_RAD = 0.01
 
 _STAMP, _WRAP_MS = "vehicle_ms", 1 << 24
-_CRYSTALS_STD = 3e-5  # of the ratio of two clocks, each within 30 to 50 millionths
 _LARGEST_SKEW = 3e-3  # with a margin for late arrivals; a timer that runs at 84/85 is off by 12e-3
 _TILTING = 2.0  # times the jitter of arrivals, by which a line through them tilts in all; a step tilts it by 1.5
 _REST_S = 0.25
@@ -139,11 +138,11 @@ def _times(series: Series) -> tuple[Array, float]:
     """
     arrival_s = np.zeros(0) if series.time_s is None else series.time_s
     if _STAMP not in series.names:
-        return arrival_s - arrival_s[:1], _CRYSTALS_STD
+        return arrival_s - arrival_s[:1], CRYSTAL_STD
     steps_ms = np.diff(series.column(_STAMP).values) % _WRAP_MS
     device_s = 1e-3 * np.concatenate([[0.0], np.cumsum(steps_ms)])
     times = stamped_times(arrival_s, 1e6 * device_s)
-    if times is not None and times.scale_std < _CRYSTALS_STD:
+    if times is not None and times.scale_std < CRYSTAL_STD:
         return times.time_s - times.time_s[0], times.scale_std
     pace, begin_s = np.polyfit(device_s, arrival_s, 1).tolist() if device_s[-1] > 0 else (0.0, 0.0)
     # Arrivals that are 6 ms late on a busy computer tilt the line by 0.6 % in a second.
@@ -154,7 +153,7 @@ def _times(series: Series) -> tuple[Array, float]:
             "milliseconds, or the vehicle was restarted. Record it again.",
             code="vehicle-clock",
         )
-    return device_s, _CRYSTALS_STD
+    return device_s, CRYSTAL_STD
 
 
 def _extremes(rate: Array) -> np.ndarray[tuple[int], np.dtype[np.intp]]:

@@ -57,7 +57,7 @@ _LEAST_FRICTION_RAD = math.radians(0.02)  # the zero's shift by the least dry fr
 _LEAST_STD = 1e-6  # of a cable or disc that the rig states to be perfect
 _WIDER = 4.0  # than its priors, for the fit that a gyro's posterior starts from: its scale may be worse than usual
 _ROUNDS = 2  # each with the noise of the last; the first noise contains what the nuisances explain
-_SURE_STD = 4.0  # beyond, a spring that pushes is no chance
+_SURE_STD = 4.0  # beyond, a spring is no chance
 
 _LEAST_ROWS = 16
 _PHASE_STEP = 0.08  # rad of the natural oscillation, the longest grid step: phase error 1e-7
@@ -270,11 +270,13 @@ def _judged(swing: FreeSwing, fit: OutputError, known: _Posterior, step_error: f
     change[fit.free], variance[fit.free] = known.change[:-2], known.variance[:-2]
     values = fit.values + change
     frequency = float(values[0])
-    push_s2 = max(-fit.coefficients.spring_per_s2, 0.0) if known.pull_std < -_SURE_STD else 0.0
+    spring_s2 = fit.coefficients.spring_per_s2 if abs(known.pull_std) > _SURE_STD else 0.0
     shares = {
         "noise and friction": math.sqrt(known.least_variance),
-        # What the fit without a cable and that with a spring that pushes state for W, as the ends of an interval.
-        "cable or encoder": math.hypot(math.sqrt(max(variance[0] - known.least_variance, 0.0)), push_s2 / math.sqrt(3)),
+        # What the fits with and without a sure spring state for W, as the ends of an interval: an arm that flexes and
+        # a disc's second harmonic resemble one.
+        "cable or encoder": math.sqrt(max(variance[0] - known.least_variance, 0.0) + spring_s2**2 / 3),
+        "cable that a gyro does not show": frequency * swing.unseen_cable_std,
         "grid": step_error,
         f"clock of the {swing.timed_by}": 2 * frequency * swing.time_scale_std,
         "scatter between windows": _scatter_of_windows(fit, time, swing.period_s),
@@ -292,7 +294,7 @@ def _judged(swing: FreeSwing, fit: OutputError, known: _Posterior, step_error: f
     )
     if swing.rate_rad_per_s is None:
         findings += _cable_or_encoder(
-            values[_CABLE] / frequency, push_s2 / frequency, math.hypot(*values[count:]),
+            (spring_s2 or values[_CABLE]) / frequency, math.hypot(*values[count:]),
             shares["cable or encoder"] / frequency,
         )  # fmt: skip
     elif abs(values[_FIRST]) > UNUSUAL_STD * SCALE_STD:
@@ -431,16 +433,16 @@ def _over_limits(
     return tuple(findings)
 
 
-def _cable_or_encoder(cable: float, push: float, disc_rad: float, share: float) -> tuple[Finding, ...]:
-    """Report a cable, or a spring that pushes, as shares of gravity's stiffness, and an eccentric disc.
+def _cable_or_encoder(stiffness: float, disc_rad: float, share: float) -> tuple[Finding, ...]:
+    """Report a cable, or a spring that pushes, as a share of gravity's stiffness, and an eccentric disc.
 
     `share` is what they leave uncertain of W.
     """
-    stiffness = max(cable, push)
-    spring = f"{'a spring that pushes with' if push else 'a cable of'} {_percent(stiffness)} of gravity's stiffness"
+    kind = "a spring that pushes with" if stiffness < 0 else "a cable of"
+    spring = f"{kind} {_percent(abs(stiffness))} of gravity's stiffness"
     disc = f"an encoder that reads {math.degrees(disc_rad):.2g} degrees off within a turn"
     if beyond := [
-        what for what, over in ((spring, stiffness > _MOST_CABLE), (disc, disc_rad > _MOST_DISC_RAD)) if over
+        what for what, over in ((spring, abs(stiffness) > _MOST_CABLE), (disc, disc_rad > _MOST_DISC_RAD)) if over
     ]:
         text = (
             f"the period depends on the angle as with {' and '.join(beyond)} (limits {_percent(_MOST_CABLE)}, "

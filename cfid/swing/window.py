@@ -30,6 +30,7 @@ SMALLEST_PEAK_RAD = math.radians(1.0)
 FEWEST_PEAKS = 4
 
 _ENCODER = EncoderScale()  # of a rig about which nothing is known
+_CABLE_STD = 5e-4  # of gravity's stiffness, of a cable that is led along the axis
 _MOST_ROWS = 2_000_000  # half an hour at 1 kHz
 _THRESHOLD_RAD = SMALLEST_PEAK_RAD / 2
 _LOW_DEG = 10.0  # for a highest peak below this, a higher release gives more peaks
@@ -48,8 +49,8 @@ class FreeSwing:
     sample `release` to sample `end` (inclusive); the default fit uses it from `hand_gone` on. Peaks are those on the
     release's side, the release first; in a window with given limits, those that lie in it. `time_scale_std` is the
     relative standard uncertainty of the times' scale. A gyro's `rate_rad_per_s` (n,) is about the axis, with the
-    relative standard uncertainty `rate_scale_std`; the angle is its integral. `threads` describe those that carry the
-    body.
+    relative standard uncertainty `rate_scale_std`; the angle is its integral. It does not show a cable: the stiffness
+    of one, over gravity's, has the standard deviation `unseen_cable_std`. `threads` describe those that carry the body.
     """
 
     time_s: Array
@@ -66,6 +67,7 @@ class FreeSwing:
     time_scale_std: float = 0.0
     rate_rad_per_s: Array | None = None
     rate_scale_std: float = 0.0
+    unseen_cable_std: float = 0.0
     threads: Threads = NO_THREADS
     encoder: EncoderScale = _ENCODER
     findings: tuple[Finding, ...] = ()
@@ -139,6 +141,7 @@ def swing_in(
         threads=threads,
         rate_rad_per_s=record.rates.rate_rad_per_s,
         rate_scale_std=SCALE_STD,
+        unseen_cable_std=_CABLE_STD if encoder.cable_std is None else encoder.cable_std,
     )
 
 

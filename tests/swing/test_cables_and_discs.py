@@ -127,3 +127,11 @@ def test_wrong_counts_per_turn_and_a_strong_spring_give_no_number(imperfect: dic
 
     assert not result.accepted
     assert KEY not in result.without_rejected().quantities
+
+
+def test_a_second_harmonic_of_the_disc_that_resembles_a_cable_is_within_the_interval() -> None:
+    time_s, angle = of_release(65)
+    read = encoded(angle - math.radians(0.05) * np.sin(2 * angle), np.random.default_rng(1), noise_deg=0.02)
+    error, std = error_and_std(cfid.swing.fit(made_angle(time_s, read)).quantities[KEY])
+
+    assert 1e-3 < abs(error) < 2.5 * std < 0.02

@@ -9,12 +9,14 @@ import numpy.typing as npt
 import pytest
 
 from cfid.recordings.gyro import SCALE_STD, about_one_axis, integrated
+from cfid.records.rig_file import EncoderScale
 from cfid.sim.imu import Hanging, Imu, ImuTruth
 from cfid.sim.plants import Motion, Pendulum, TwoThreads, swing
 from cfid.sim.swing import draw_release
 from cfid.swing.estimation import SwingFit, fit_swing
 from cfid.swing.pendulum import NO_THREADS, Threads
-from cfid.swing.window import FreeSwing, find_swing
+from cfid.swing.window import FreeSwing, find_swing, swing_in
+from tests.recordings.made import made_angle
 
 Array = npt.NDArray[np.float64]
 
@@ -218,3 +220,14 @@ def test_intervals_of_bodies_on_threads_hold_w_93_to_97_times_in_100(degrees: fl
     )
     assert np.abs(errors).max() < 2e-4
     assert np.mean(np.abs(scores) < 1.96) >= 0.9
+
+
+@pytest.mark.parametrize(("stated", "std"), [(None, 5e-4), (0.01, 0.01)])
+def test_a_cable_that_a_gyro_does_not_show_is_in_the_uncertainty(stated: float | None, std: float) -> None:
+    motion, _ = swung(50, 1, seed=4)
+    time_s, rates = gyro_of(motion, 0, rate_hz=100, truth=ImuTruth(), rng=np.random.default_rng(1))
+    found = about_one_axis(rates)
+    record = made_angle(time_s, integrated(time_s, found.rate_rad_per_s)[0], rates=found)
+    free, tied = (fit_swing(swing_in(record, encoder=EncoderScale(cable_std=one))) for one in (0.0, stated))
+
+    assert np.sqrt(tied.std[0] ** 2 - free.std[0] ** 2) == pytest.approx(std * tied.coefficients[0], rel=1e-3)
