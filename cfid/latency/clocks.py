@@ -2,7 +2,7 @@
 
 No packet is early: host times over device times lie above a line, each by how much later its packet came than the
 quickest one. The average line through them lies above that line by the mean lateness. Every offset here contains the
-least one-way latency, which is bounded by half of the least round trip. Sources: S. B. Moon, P. Skelly, D. Towsley,
+least one-way latency, which the other way's line bounds. Sources: S. B. Moon, P. Skelly, D. Towsley,
 Estimation and removal of clock skew from network delay measurements, INFOCOM 1999; L. Zhang, Z. Liu, C. H. Xia, Clock
 synchronization algorithms for network measurements, INFOCOM 2002, for the lower convex hull.
 """
@@ -71,7 +71,7 @@ class ClockLine:
 
 
 def clock_line(device_s: Array, host_s: Array) -> ClockLine:
-    """Return the line under rising stamps (n,): the edge of their lower hull that passes under their middle.
+    """Return the line under stamps (n,): the edge of their lower hull that passes under their middle.
 
     Of all lines below the points, it has the least sum of distances, and it is best for latencies whose excess over the
     least is nearly exponential. Where the least latencies of parts of the record differ by more than such latencies
@@ -170,7 +170,8 @@ def sessions(first_device_s: Sequence[float], first_host_s: Sequence[float]) -> 
 def _edge_below(place: Array, height: Array) -> tuple[float, float]:
     """Return slope and height at 0 of the lower hull's edge at place 0, which lies within the places (n,)."""
     hull: list[tuple[float, float]] = []
-    for x, y in zip(place.tolist(), height.tolist(), strict=True):
+    order = np.lexsort((height, place))
+    for x, y in zip(place[order].tolist(), height[order].tolist(), strict=True):
         while len(hull) > 1 and _is_above(hull[-1], hull[-2], (x, y)):
             hull.pop()
         hull.append((x, y))

@@ -12,8 +12,8 @@ from scipy.special import chdtrc
 from cfid.errors import ConfigError, DataError, FitError
 from cfid.estimate.propagation import widened
 from cfid.estimate.signals import block_means, correlation_inflation
-from cfid.findings import Finding, note, rejection, warning
-from cfid.latency.clocks import ClockLine, clock_line, unwrapped_s
+from cfid.findings import rejection, warning
+from cfid.latency.clocks import clock_line, unwrapped_s
 from cfid.recordings.sines import PINGS, PingRecord, read_pings
 from cfid.records.parameters import Parameter
 from cfid.records.result import Dependent, Result
@@ -24,7 +24,6 @@ Array = npt.NDArray[np.float64]
 _HEAD = f"{'circumstances':<28} {'packets':>8} {'mean RTT [ms]':>14} {'std [ms]':>10} {'least [ms]':>11}"
 _BINS, _BAR_WIDTH = 12, 40
 _EARLIEST_S = 1e9  # since 1970: 2001, before the first vehicle
-_LONG_S = 500.0  # length of a record in which delays that drift over a minute come and go several times
 _FEW_EFFECTIVE = 200.0  # from there on, the correlation itself is known well enough
 _PARTS = 10  # of a record, whose means show what wanders too slowly for neighbours to show it
 _BY_CHANCE = 0.001  # below it, the means scatter by more than those of independent round trips
@@ -71,6 +70,30 @@ class RoundTrips(NamedTuple):
         return self.least_s / 2
 
 
+class Clock(NamedTuple):
+    """The vehicle's clock against this computer's.
+
+    `offset_s` is this computer's time less the vehicle's in the middle of the pings, if both ways take equally long at
+    their quickest; otherwise it is off by up to `offset_bound_s`. `skew` is the relative excess of the vehicle's rate.
+    Answers came `mean_lateness_s` later, on average, than the quickest. Where times are not `dated`, from 1970 on but
+    from the start of a record, the offset means nothing.
+    """
+
+    offset_s: float
+    offset_std_s: float
+    offset_bound_s: float
+    skew: float
+    skew_std: float
+    mean_lateness_s: float
+    dated: bool
+
+    @property
+    def quantities(self) -> dict[str, Parameter]:
+        """Skew and, where times are dated, offset."""
+        offset = {"latency.clock_offset_s": Parameter(value=self.offset_s, std=self.offset_std_s)} if self.dated else {}
+        return {**offset, "latency.clock_skew": Parameter(value=self.skew, std=self.skew_std)}
+
+
 def fit(runs: Sequence[PingRecord | Run | Path | str]) -> Result:
     """Return the statistics of all round trips together, and the clock of the last run whose answers were stamped.
 
@@ -94,23 +117,23 @@ def fit(runs: Sequence[PingRecord | Run | Path | str]) -> Result:
             "answers follow each other: the uncertainties of mean and clock are rough."
         )
         findings.append(warning("round-trips-correlated", text, "latency.rtt_mean_s", "latency.clock_*"))
-    line, stamped = None, trips
+    clock = None
     try:
-        line, stamped = _clock(records) or (None, trips)
+        clock = _clock(records)
     except DataError as error:
         findings.append(rejection("clock-stamps-too-few", str(error), "latency.clock_*"))
     return Result(
         command="tf latency",
         section="latency",
         method="default",
-        quantities={**_trip_quantities(trips), **({} if line is None else _clock_quantities(line, stamped))},
+        quantities={**_trip_quantities(trips), **({} if clock is None else clock.quantities)},
         wanted=("latency.rtt_*",),
         merits={
             "answers": trips.answers,
             "one_way_mean_s": Dependent(trips.one_way_mean_s, "latency.rtt_mean_s"),
-            "offset_bound_s": Dependent(stamped.offset_bound_s, "latency.rtt_min_s"),
+            "offset_bound_s": Dependent((clock or trips).offset_bound_s, "latency.rtt_min_s"),
         },
-        findings=(*findings, *_short(records)),
+        findings=tuple(findings),
         sources=tuple(record.source for record in records),
         lines=(
             *(Dependent(row, *_trip_quantities(trips)) for row in _table(records, rtt_s)),
@@ -118,7 +141,7 @@ def fit(runs: Sequence[PingRecord | Run | Path | str]) -> Result:
                 f"one way, if both take equally long: {1e3 * trips.one_way_mean_s:.2f} ms on average",
                 "latency.rtt_mean_s",
             ),
-            *(() if line is None else (Dependent(_clock_line(line, stamped), *_clock_quantities(line, stamped)),)),
+            *(() if clock is None else (Dependent(_clock_line(clock), *clock.quantities),)),
         ),
     )
 
@@ -183,29 +206,27 @@ def _record(run: PingRecord | Run | Path | str) -> PingRecord:
     return read_pings(run.folder if isinstance(run, Run) else Path(run))
 
 
-def _clock(records: Sequence[PingRecord]) -> tuple[ClockLine, RoundTrips] | None:
-    """Fit the arrivals of answers over the vehicle's stamps, None without stamps. Raises DataError for too few.
+def _clock(records: Sequence[PingRecord]) -> Clock | None:
+    """Compare the clocks by the last run with stamps, None without any. Raises DataError for too few.
 
-    The round trips are those of the same run: another run's link may answer quicker, which moves no arrival here.
+    Arrivals of answers lie above the line of the clocks, and sendings below it: the sharpest lines there are halfway.
     """
     for record in reversed(records):
         if record.vehicle_us is not None and record.sent_s is not None:
             arrived_s = record.sent_s + record.rtt_s
-            return clock_line(unwrapped_s(record.vehicle_us / 1e6, arrived_s), arrived_s), round_trips(record.rtt_s)
+            device_s = unwrapped_s(record.vehicle_us / 1e6, arrived_s)
+            back, there = clock_line(device_s, arrived_s), clock_line(-device_s, -record.sent_s)
+            rate = (back.rate + there.rate) / 2
+            return Clock(
+                offset_s=(back.middle_host_s - there.middle_host_s) / 2 - back.middle_device_s,
+                offset_std_s=math.hypot(back.offset_std_s, there.offset_std_s) / 2,
+                offset_bound_s=(back.middle_host_s + there.middle_host_s) / 2,
+                skew=1 / rate - 1,
+                skew_std=math.hypot(back.rate_std, there.rate_std) / 2 / rate**2,
+                mean_lateness_s=back.mean_offset_s,
+                dated=back.offset_s > _EARLIEST_S,
+            )
     return None
-
-
-def _short(records: Sequence[PingRecord]) -> tuple[Finding, ...]:
-    """Return a note on what pings that all lie within a few minutes do not show."""
-    longest_s = max((float(np.ptp(record.sent_s)) for record in records if record.sent_s is not None), default=0.0)
-    if not 0 < longest_s < _LONG_S:
-        return ()
-    text = (
-        f"pings within {longest_s:.0f} s do not show delays that drift over minutes, nor a channel that others fill "
-        "now and then: their mean is that of this time alone, and a least delay that drifts by 1 ms moves the skew by "
-        f"{1e3 / longest_s:.2g} ppm. Ping for ten minutes."
-    )
-    return (note("pings-of-a-short-time", text, "latency.rtt_mean_s", "latency.clock_*"),)
 
 
 def _trip_quantities(trips: RoundTrips) -> dict[str, Parameter]:
@@ -216,23 +237,6 @@ def _trip_quantities(trips: RoundTrips) -> dict[str, Parameter]:
         "latency.rtt_median_s": Parameter(value=trips.median_s, std=trips.median_std_s),
         "latency.rtt_p95_s": Parameter(value=trips.p95_s, std=trips.p95_std_s),
     }
-
-
-def _clock_quantities(line: ClockLine, trips: RoundTrips) -> dict[str, Parameter]:
-    """Return the skew of the vehicle's clock and, if the host's times are dated, the offset in the middle of the pings.
-
-    The offset assumes that the quickest answer took half its round trip.
-    """
-    skew = {"latency.clock_skew": Parameter(value=line.skew, std=line.rate_std / line.rate**2)}
-    if not _is_dated(line):
-        return skew
-    offset_s = line.middle_host_s - line.middle_device_s - trips.offset_bound_s
-    return {"latency.clock_offset_s": Parameter(value=offset_s, std=line.offset_std_s), **skew}
-
-
-def _is_dated(line: ClockLine) -> bool:
-    """Return whether the host's times count from 1970, not from the start of a record."""
-    return line.offset_s > _EARLIEST_S
 
 
 def _table(records: Sequence[PingRecord], rtt_s: Array) -> list[str]:
@@ -252,17 +256,17 @@ def _row(circumstances: str, rtt_s: Array) -> str:
     return f"{circumstances[:28]:<28} {len(rtt_s):8d} {1e3 * rtt_s.mean():14.4f} {std_ms:>10} {1e3 * rtt_s.min():11.4f}"
 
 
-def _clock_line(line: ClockLine, trips: RoundTrips) -> str:
+def _clock_line(clock: Clock) -> str:
     rate = (
-        f"the vehicle's clock: {1e6 * line.skew:+.1f} ppm against this computer's; answers came "
-        f"{1e3 * line.mean_offset_s:.2f} ms later, on average, than the quickest. "
+        f"the vehicle's clock: {1e6 * clock.skew:+.1f} ppm against this computer's; answers came "
+        f"{1e3 * clock.mean_lateness_s:.2f} ms later, on average, than the quickest. "
     )
-    if not _is_dated(line):
+    if not clock.dated:
         return f"{rate}Times of sending since the begin of a record, not since 1970, show no offset of the clocks"
     return (
-        f"{rate}The standard uncertainty of its offset in the middle, {1e3 * line.offset_std_s:.2f} ms, covers how "
-        "answers scatter; how the quickest round trip divides into its two ways is unknown, and moves the offset by "
-        f"up to {1e3 * trips.offset_bound_s:.2f} ms more"
+        f"{rate}The standard uncertainty of its offset in the middle, {1e3 * clock.offset_std_s:.2f} ms, covers how "
+        "pings scatter; how the quickest round trip divides into its two ways is unknown, and moves the offset by "
+        f"up to {1e3 * clock.offset_bound_s:.2f} ms more"
     )
 
 

@@ -72,3 +72,12 @@ def test_a_vehicle_that_was_restarted_has_another_clock() -> None:
 
     assert sessions([own_s % COUNTER_S for own_s in whole_s], host_s) == [0, 0, 0, 0, 0]
     assert sessions([*whole_s[:3], 7.0, 7.0 + 84 / 85 * 11], host_s) == [0, 0, 0, 1, 1]
+
+
+def test_stamps_that_arrive_out_of_order_give_the_same_line() -> None:
+    device_s, host_s = stamps(300, np.random.default_rng(5))
+    mixed = np.random.default_rng(6).permutation(300)
+    sorted_line, line = clock_line(device_s, host_s), clock_line(device_s[mixed], host_s[mixed])
+
+    assert line.rate == pytest.approx(sorted_line.rate, abs=1e-12)
+    assert line.lateness_s == pytest.approx(sorted_line.lateness_s[mixed], abs=1e-9)
