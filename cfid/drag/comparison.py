@@ -7,6 +7,7 @@ the error of its reference, so that what depends on the command alone does not a
 
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal
 
@@ -26,6 +27,7 @@ Method = Literal["default", "thesis"]
 
 UNEXPLAINED_LIMIT = 0.5  # sum of squared errors over sum of squared forces
 
+_UNLIKELY = 6.0  # of the information criterion: strong evidence [KR]
 _DRIVEN = 0.2  # cosine between all forces and all velocities, the limit
 _ACROSS = 0.5  # the same across velocities: 30 degrees if there is no noise
 # The part of v_x + v_y, in squares, that |v_xy| has to leave unexplained for the two to be distinguished.
@@ -96,6 +98,7 @@ def fit_models(
     findings += outlying(experiments, fits[chosen])
     for name, fit in fits.items():
         findings += fit_findings(name, fit, experiments)
+    findings += unlikely(fits, experiments) if weighted else ()
     return DragModels(experiments=experiments, fits=fits, bic=bic, chosen=chosen, findings=tuple(findings))
 
 
@@ -174,6 +177,25 @@ def _robust(rows: Array, data: Array, values: Array) -> Array:
     """Return the solution of rows (n, q) times values = data (n,), in which large residuals count little."""
     solution = least_squares(lambda v: rows @ v - data, values, jac=lambda _: rows, loss="cauchy")
     return np.asarray(solution.x)
+
+
+def unlikely(fits: Mapping[str, DragFit], experiments: DragExperiments) -> list[Finding]:
+    """Warn of fits that lack what the forces show: another one, or drag of the body beside the simple model, has it."""
+    rivals, findings = [*fits.values()], []
+    with suppress(FitError):
+        rivals.append(fit_drag(experiments, SIMPLE, parasitic=True))
+    likeliest = min(rivals, key=lambda fit: fit.bic)
+    body = " with `parasitic` drag of the body" if likeliest.parasitic else ""
+    for name, fit in fits.items():
+        more = (len(fit.values) - len(likeliest.values)) * math.log(experiments.force_n.size)
+        if (above := fit.bic - likeliest.bic) > max(_UNLIKELY, more):  # not by its number of coefficients alone
+            text = (
+                f"the {name} model lacks what the forces show: its information criterion is {above:.0f} above that of "
+                f"the {likeliest.model.name} model{body} (limit {_UNLIKELY:g}): its coefficients are further off than "
+                "stated."
+            )
+            findings.append(warning("drag-unexplained", text, *quantities_of(name)))
+    return findings
 
 
 def fit_findings(name: str, fit: DragFit, experiments: DragExperiments) -> list[Finding]:

@@ -23,6 +23,7 @@ from cfid.estimate.linear import gain_of, std_of
 Array = npt.NDArray[np.float64]
 
 _DEPENDENT = 1e-9  # ratio of the smallest to the largest singular value, below which columns count as dependent
+_DECIMALS = 12  # of a velocity in m/s: the cosine of 90 degrees is not quite 0
 _LEAST_NOISE = 1e-6  # of the root mean square of the forces: less is rounding
 _ROUNDS, _SETTLED = 20, 1e-7
 
@@ -98,9 +99,9 @@ def regressors(
 ) -> tuple[Array, Array]:
     """Return the rows (3n, q) of a model's linear equations, and their slopes (3n, q) over relative wind speed."""
     terms = (*model.terms, *(BODY if parasitic else ()))
+    velocity = experiments.velocity_mps.round(_DECIMALS)
     still, rows, twice = (
-        rows_of(terms, times * experiments.velocity_mps, experiments.speed_sum_rad_s).reshape(-1, len(terms))
-        for times in (0, 1, 2)
+        rows_of(terms, times * velocity, experiments.speed_sum_rad_s).reshape(-1, len(terms)) for times in (0, 1, 2)
     )
     slopes = (twice - still) / 2  # exact, because regressors are at most quadratic in the velocity
     if intercepts:

@@ -199,3 +199,23 @@ def test_three_winds_at_one_angle_do_not_determine_the_cross_model_whatever_the_
         (refused,) = [finding for finding in models.findings if finding.code == "drag-not-determined"]
         assert refused.concerns("drag.cross_coupling_kg_per_rad")
         assert models.bic == pytest.approx(fit_models(experiments).bic, rel=1e-9)
+
+
+def test_a_model_that_lacks_what_the_forces_show_is_not_accepted_silently() -> None:
+    sound = measured(SIMPLE_AIR, np.random.default_rng(3))
+    body_n = -8e-4 * sound.wind_mps[:, np.newaxis] * sound.velocity_mps
+    not_tared = replace(sound, force_n=sound.force_n + body_n)
+    silent, named = (
+        [one.severity for one in fit_models(runs).findings if one.concerns("drag.simple_kg_per_rad")]
+        for runs in (sound, not_tared)
+    )
+
+    assert (silent, named) == ([], ["warning"])
+
+
+def test_level_winds_are_refused_though_the_cosine_of_90_degrees_is_not_quite_0() -> None:
+    sound = exact(SIMPLE_AIR)
+    level = replace(sound, velocity_mps=sound.velocity_mps * [1, 1, 6e-17])
+
+    with pytest.raises(FitError, match="determine 1 of 2 unknowns of the simple model"):
+        fit_drag(level, SIMPLE)
