@@ -1,7 +1,7 @@
 """`cfid new`: create a campaign folder with a commented rig.toml."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -11,10 +11,13 @@ from cfid.console.messages import echo
 
 def new_campaign(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder to make; it may exist if it is empty.")],
+    rig: Annotated[
+        Literal["thesis"] | None, typer.Option(help="thesis: mount xy and the line as its calculation has them.")
+    ] = None,
 ) -> None:
     """Make a campaign folder with a commented rig.toml.
 
     Example: [bold]cfid new my-crazyflie[/bold]
     """
-    path = make_campaign(folder)
+    path = make_campaign(folder, thesis=rig is not None)
     echo(f"{path}: put your vehicle's mass, centre of mass and mounts there, then record.")

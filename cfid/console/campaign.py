@@ -13,8 +13,10 @@ if TYPE_CHECKING:
 _SEEDS = 10**6
 
 
-def make_campaign(folder: Path, *, seed: int | None = None) -> Path:
+def make_campaign(folder: Path, *, seed: int | None = None, thesis: bool = False) -> Path:
     """Create a campaign folder and return the path of its rig.toml, which keeps the `seed` of the plan's order.
+
+    With `thesis`, it is the rig of the thesis' calculation.
 
     Raises ConfigError when the folder has a rig.toml already, or cannot be created.
     """
@@ -23,7 +25,8 @@ def make_campaign(folder: Path, *, seed: int | None = None) -> Path:
 
     try:
         (folder / RUNS_FOLDER).mkdir(parents=True, exist_ok=True)
-        write_new(folder / RIG_FILE, new_rig_text(seed=randbelow(_SEEDS) if seed is None else seed).encode())
+        text = new_rig_text(seed=randbelow(_SEEDS) if seed is None else seed, thesis=thesis)
+        write_new(folder / RIG_FILE, text.encode())
     except FileExistsError:
         raise ConfigError(f"{folder / RIG_FILE} exists already: nothing was changed.") from None
     except OSError as error:

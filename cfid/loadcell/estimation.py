@@ -103,6 +103,8 @@ def _fit_axis(loads: Loads, place: int) -> AxisFit | None:
     # A gain that changes by 1 from no load to the largest.
     bend = [own * np.abs(own) / np.abs(own).max()] if _bends(own, loads.orientation) else []
     rows = np.column_stack([own, *bend, *columns.values(), zeros])
+    if bend and len(rows) <= np.linalg.matrix_rank(rows):  # with nothing to spare, the gain counts more than its bend
+        bend, rows = [], np.delete(rows, 1, axis=1)
     free = [at for at in range(rows.shape[1]) if _independent_part(rows, at) > _DEPENDENT]
     if 0 not in free or len(rows) <= rows.shape[1]:
         return None

@@ -2,8 +2,7 @@
 
 Lengths are in millimetres and angles in degrees, as a calliper and a protractor show them; every `..._std_...` is one
 standard uncertainty. Everything else is SI. Each run keeps the facts, which stay the same from run to run: how devices
-are mounted, and how exact their scales are. An unstated fact is None; the fit that needs it then assumes the value of
-version 0.1 and adds a note.
+are mounted, and how exact their scales are. An unstated fact is None; the fit that needs it then asks for it.
 """
 
 import math
@@ -672,18 +671,33 @@ def load_rig(path: Path) -> Rig:
     return _checked(content, name=str(path))
 
 
-def new_rig_text(*, seed: int = 0) -> str:
-    """Return the commented rig.toml that a new campaign starts from: the thesis' vehicle, cube and test body."""
-    return _preset("rig.toml").replace("seed = 0 ", f"seed = {seed} ")
+def new_rig_text(*, seed: int = 0, thesis: bool = False) -> str:
+    """Return the commented rig.toml that a new campaign starts from: the thesis' vehicle, cube and test body.
+
+    With `thesis`, what the thesis' calculation has otherwise is as there (C.1.2 to C.1.7).
+    """
+    text = _preset("rig.toml").replace("seed = 0 ", f"seed = {seed} ")
+    if not thesis:
+        return text
+    import tomlkit  # slow to load
+
+    document = tomlkit.parse(text)
+    _calculate_as_thesis(document)
+    return tomlkit.dumps(document)
 
 
 def thesis_rig() -> Rig:
     """Return the rig of the thesis' calculation (C.1.2 to C.1.7), with the two directions of its xy mount."""
-    content, differing = tomllib.loads(_preset("rig.toml")), tomllib.loads(_preset("thesis.toml"))
-    for name, mount in differing["mounts"].items():
-        content["mounts"][name] |= mount
-    content["friction"] |= differing["friction"]
+    content = tomllib.loads(_preset("rig.toml"))
+    _calculate_as_thesis(content)
     return _checked(content, name="the thesis' rig")
+
+
+def _calculate_as_thesis(content: dict[str, Any]) -> None:
+    differing = tomllib.loads(_preset("thesis.toml"))
+    for name, mount in differing["mounts"].items():
+        content["mounts"][name].update(mount)
+    content["friction"].update(differing["friction"])
 
 
 def _preset(name: str) -> str:

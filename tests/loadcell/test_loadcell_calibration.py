@@ -341,3 +341,11 @@ def test_a_second_calibration_does_not_build_upon_the_first(tmp_path: Path) -> N
 
     assert result.quantities["loadcell.gain.fz"].value == pytest.approx(1.03, abs=0.005)
     assert "scale-taken-as-exact" in {one.code for one in result.findings}
+
+
+def test_nothing_and_two_weights_in_one_place_give_the_gain_without_its_bend(tmp_path: Path) -> None:
+    loads = [("-z", grams, (0.0, 0.0, 10.0)) for grams in (0.0, 50.0, 100.0)]
+    result = fit(record(tmp_path, Cell(np.diag([1, 1, 1.01, 1, 1, 1])), loads), gravity_mps2=GRAVITY)
+
+    assert result.quantities["loadcell.gain.fz"].value == pytest.approx(1.01, abs=1e-3)
+    assert "loadcell.linearity.fz" not in result.quantities

@@ -13,6 +13,7 @@ from cfid.errors import ConfigError
 from cfid.records.campaign import find_campaign
 from cfid.records.rig_file import Mount, VehicleData, load_rig, new_rig_text, thesis_rig
 from cfid.units import MM
+from tests.campaigns import Cfid
 
 # The distances that the thesis' appendix C.1.7 calculates, to the micrometre.
 DISTANCES_MM = {"x": 22.855, "y": 22.855, "z": 38.163, "xy": 33.784, "xz": 28.267, "yz": 28.267}
@@ -178,3 +179,10 @@ def test_a_folder_that_was_named_and_holds_no_rig_is_a_configuration_error(tmp_p
     with pytest.raises(ConfigError, match=r"rig\.toml: cannot be read: Is a directory"):
         find_campaign(tmp_path, start=tmp_path)
     assert find_campaign(None, start=tmp_path) is None
+
+
+def test_a_campaign_of_the_thesis_has_the_rig_of_its_calculation(cfid: Cfid, tmp_path: Path) -> None:
+    assert cfid("new", "lab", "--rig", "thesis").returncode == 0
+    written, thesis = load_rig(tmp_path / "lab" / "rig.toml"), thesis_rig()
+
+    assert (written.mounts, written.friction) == (thesis.mounts, thesis.friction)
