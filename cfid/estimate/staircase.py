@@ -168,6 +168,11 @@ class Staircase:
             found.insert(0, warning("no-baseline-after", text))
         return tuple(found)
 
+    @property
+    def rest_s(self) -> float:
+        """Until when the motors are off at the beginning of the record, 0 where it begins with the motors driven."""
+        return 0.0 if self.begins_driven else float(self.points[0].onset_s)
+
     def steady(self) -> tuple[Point, ...]:
         """Return the points that settled. Raises FitError when none did."""
         steady = tuple(point for point in self.points if point.settled)

@@ -1,6 +1,8 @@
 """Rotor speed from simulated vibration is right at every command and in the right octave, or else rejected."""
 
 import math
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -8,10 +10,12 @@ import pytest
 
 from cfid.errors import FitError
 from cfid.motors.vibration.estimation import RotorSpeed, rotor_speed
+from cfid.motors.vibration.result import fit
 from cfid.motors.vibration.spectrum import spectrum
 from cfid.sim.loadcell import LoadCellTruth, SimulatedLoadCell
 from cfid.sim.propulsion import RotorTruth, SimulatedRotors
 from tests.motors.sentences import rejections, remarks
+from tests.motors.stand_in_a_folder import climbed, write_thesis_file
 
 Array = npt.NDArray[np.float64]
 
@@ -158,6 +162,19 @@ def test_hum_is_left_out_when_told_or_shown(command: int) -> None:
     for found in (told, shown):
         assert found.accepted, rejections(found)
         assert found.speed_rad_per_s == pytest.approx(truth[0], abs=3 * found.std_rad_per_s)
+
+
+def test_hum_that_a_record_has_at_rest_is_no_rotor_in_its_windows(tmp_path: Path) -> None:
+    """Hum of 314 rad/s was the speed of each window."""
+    record = climbed([6000, 30000], motors=(1,), rate_hz=4000.0, rest_s=2.0)
+    record = replace(record, wrench=record.wrench + hum(record.time_s))
+    result = fit(write_thesis_file(tmp_path / "stand.csv", record))
+    truth = RotorTruth()
+
+    for row, command in zip(result.quantities["rotor.windows"].value, (6000, 30000), strict=True):
+        expected = truth.idle_rad_per_s + truth.rad_per_s_per_command * command
+        assert row["accepted"]
+        assert row["speed_rad_s"] == pytest.approx(expected, rel=1e-3)
 
 
 def test_a_rotor_on_a_multiple_of_the_mains_is_doubted_unless_rest_shows_what_is_hum() -> None:

@@ -337,7 +337,8 @@ def _of_staircase(
         points = points_of(settled, motors=motors, source=str(record.path))
         speed, std = staircase.reported_speeds(settled), None
         if speed is None and rotors is not None:
-            speed, std, about_speed = speeds_from_vibration(settled, record, rotors, motors=motors)
+            rest_s = staircase.reduced.rest_s
+            speed, std, about_speed = speeds_from_vibration(settled, record, rotors, motors=motors, rest_s=rest_s)
         more = {"speed_rad_s": speed, "speed_std_rad_s": std, "vbat_v": staircase.volts(settled)}
         points = points.assign(**{name: value for name, value in more.items() if value is not None})
         middle_s = np.array([(point.begin_s + point.end_s) / 2 for point in settled])

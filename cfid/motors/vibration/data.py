@@ -12,7 +12,7 @@ from cfid.estimate.signals import without_spikes
 from cfid.estimate.staircase import LAGS, Point
 from cfid.findings import Finding, joined, note, texts, warning
 from cfid.motors.data import channels_of
-from cfid.motors.vibration.estimation import RotorSpeed, rotor_speed
+from cfid.motors.vibration.estimation import FEWEST, RotorSpeed, rotor_speed
 from cfid.recordings.wrench import AXES, WrenchRecord
 
 Array = npt.NDArray[np.float64]
@@ -44,12 +44,17 @@ def quiet_channels(record: WrenchRecord) -> Array:
 
 
 class VibrationRecord:
-    """A record of the load cell in which rotors vibrate."""
+    """A record of the load cell in which rotors vibrate, and before which they are at rest until `rest_s`.
 
-    def __init__(self, record: WrenchRecord, rotors: Rotors) -> None:
+    Lines that are there at rest, such as hum of the mains, are no rotor's.
+    """
+
+    def __init__(self, record: WrenchRecord, rotors: Rotors, *, rest_s: float = 0.0) -> None:
         """Remove the spikes."""
         self._time_s, self._rotors = record.time_s, rotors
         self._channels = quiet_channels(record)
+        rest = self._channels[: np.searchsorted(record.time_s, rest_s)]
+        self._rest = rest if len(rest) >= FEWEST else None
 
     def speed_in(self, begin_s: float, end_s: float, *, rotors: int) -> RotorSpeed:
         """Return the speed in a window; `rotors` is how many ran there, unless their number was given."""
@@ -61,6 +66,7 @@ class VibrationRecord:
             blades=self._rotors.blades,
             rotors=self._rotors.number or rotors,
             mains_hz=self._rotors.mains_hz,
+            rest_wrench=self._rest,
         )
 
     def speed_of_step(self, point: Point, *, rotors: int = 1) -> RotorSpeed:
@@ -74,13 +80,13 @@ class VibrationRecord:
 
 
 def speeds_from_vibration(
-    points: Sequence[Point], record: WrenchRecord, rotors: Rotors, *, motors: int | None
+    points: Sequence[Point], record: WrenchRecord, rotors: Rotors, *, motors: int | None, rest_s: float
 ) -> tuple[Array, Array, tuple[Finding, ...]]:
     """Return speeds and standard uncertainties (p,) from vibration in the windows, NaN where a speed is rejected.
 
-    `motors` is how many ran where the points do not state which.
+    `motors` is how many ran where the points do not state which; until `rest_s`, none did.
     """
-    vibration = VibrationRecord(record, rotors)
+    vibration = VibrationRecord(record, rotors, rest_s=rest_s)
     found = [vibration.speed_of_step(point, rotors=motors or 1) for point in points]
     speed, std = (
         np.array([getattr(one, name) if one.accepted else np.nan for one in found])

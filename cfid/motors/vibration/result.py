@@ -63,7 +63,8 @@ def fit(
     record = _record(recording)
     staircase = reduce_run(record) if from_s is None and to_s is None else None
     try:
-        vibration = VibrationRecord(record, rotors or Rotors())
+        rest_s = 0.0 if staircase is None else staircase.reduced.rest_s
+        vibration = VibrationRecord(record, rotors or Rotors(), rest_s=rest_s)
         windows = [_between(record, vibration, from_s, to_s)] if staircase is None else _steps(staircase, vibration)
     except CfidError as error:
         raise type(error)(f"{record.path}: {error}") from None
