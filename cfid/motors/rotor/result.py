@@ -146,20 +146,21 @@ def _fits(recording: Followed) -> tuple[list[_Rotor], list[Finding]]:
 def _reasons(record: RotorRecord, fit: RotorFit) -> Iterator[Finding]:
     """Yield why a rotor's fit is rejected."""
     keys = ("dynamics.*", SPEED_POLY)
-    taus_s = [math.exp(-fit.values[rate]) for rate, way in zip((RISE, FALL), fit.ways, strict=True) if way]
+    shown = [rate for rate, way in zip((RISE, FALL), fit.ways, strict=True) if way and fit.std[rate] < _LOOSE]
+    taus_s = [math.exp(-fit.values[rate]) for rate in shown]
     if fit.explained < _EXPLAINED:
         text = (
             f"the rotor model explains only {100 * max(fit.explained, 0):.0f} % of the speed (limit "
             f"{100 * _EXPLAINED:.0f} %): is it the speed of another rotor, or does its sensor stand still?"
         )
         yield rejection("rotor-model-misfit", text, *keys)
-    elif max(taus_s) > _SLOWEST_S:
+    elif taus_s and max(taus_s) > _SLOWEST_S:
         text = (
             f"the time constant is {max(taus_s):.3g} s (limit {_SLOWEST_S:g} s), and rotors have 0.01 to 0.3 s: is "
             "the time in another unit?"
         )
         yield rejection("implausible", text, *keys)
-    elif fit.interval_s > _APART * min(taus_s) or record.straight * record.row_s > _COARSE * min(taus_s):
+    elif taus_s and max(fit.interval_s / _APART, record.straight * record.row_s / _COARSE) > min(taus_s):
         what, row_s = ("command", record.row_s) if record.straight else ("speed", fit.interval_s)
         text = (
             f"the {what} was recorded every {1e3 * row_s:.0f} ms, and the time constant is {1e3 * min(taus_s):.0f} ms: "
