@@ -67,10 +67,10 @@ class RotorFit:
     """Parameters (16,) of a rotor with their covariance; rates are those at `at_rad_s`, in logarithms.
 
     `shared` (16, m) is the part of the covariance that all rotors of a recording have in common, one cause a column.
-    `ways` are whether the recording has rising and falling speed, and `starts_s` the time constants from standstill and
-    between speeds where these differ. `shown` (n,) was compared with `measured` (n,) at `time_s` (n,). `drift` is the
-    relative change of the map from begin to end, `rms` that of the residual, `explained` r^2 over a quarter of a time
-    constant.
+    `ways` are whether the recording has rising and falling speed, `own_start` whether starts from standstill differ
+    from other rises, and `supply` whether the voltage is known. `shown` (n,) was compared with `measured` (n,) at
+    `time_s` (n,), usually `interval_s` apart. `drift` is the relative change of the map from begin to end, `rms` that
+    of the residual, `explained` r^2 over a quarter of a time constant.
     """
 
     values: Array
@@ -556,7 +556,7 @@ def _judged(search: _Search, solution: _Solution, noise: _Noise) -> RotorFit:
 
 
 def _explained(search: _Search, residual: Array, tau_s: float) -> float:
-    """Return the part of the variance (r^2) that residuals (n,) leave, averaged over a quarter of a time constant."""
+    """Return the part of the variance (r^2) that is not in residuals (n,), over a quarter of a time constant."""
     length = max(round(_SMOOTH * tau_s / float(np.median(np.diff(search.time_s)))), 1)
     each = [block_means(one, length=length) for one in (residual, search.measured)]
     noise, signal = (float(np.var(one)) for one in each)
