@@ -116,7 +116,7 @@ def fit(
             *recording.findings,
             *left_out,
             *_of_rotors(rotors),
-            *_of_rates(rates, covariance, at_rad_s),
+            *(() if accepted[0].reasons else _of_rates(rates, covariance, at_rad_s)),
             *_of_delay(values[4], std[4]),
             *(_of_map(accepted, values) if recording.is_log else ()),
         ),
