@@ -3,17 +3,15 @@
     bash .ci/nightly night-1            # four hours at most
     bash .ci/nightly night-1 --small    # the smallest sizes: whether every stage runs
     bash .ci/nightly night-1 --stage fuzz
-    bash .ci/nightly night-1 --page     # no measurement: writes its figures into the evidence page
 
 The folder gets a log of each command, and results.jsonl with command, figure, value, date, the machine's load at the
 start of the command, and its duration. The same words continue a night that was ended: commands in results.jsonl are
 not repeated, nor is work that a command stores itself. A stage starts no command after its share of the time; commands
-that still run then are ended, and started again next time. The longest commands of the last results start first.
+that still run then are ended, and started again next time. The longest commands start first.
 """
 
 import argparse
 import json
-import math
 import os
 import re
 import shlex
@@ -31,8 +29,7 @@ from typing import Any, NamedTuple
 from tests.nightly.readers import READERS
 from tests.places import ROOT
 
-PAGE, RESULTS = ROOT / "docs/reference/evidence.md", ROOT / "docs/reference/results.jsonl"
-HEADING = "## The last night (`bash .ci/nightly`)\n"
+LONGEST = ("test_memory_of_logs.py", "test_flight_fits.py", "test_demo.py")  # 40 minutes and more: started first
 ENDED = "exit code"
 TIME_LIMIT = "none: ended at its time limit"
 FUZZ_CASES = 100_000  # of all readers
@@ -182,9 +179,8 @@ def run_stage(name: str, folder: Path, *, small: bool) -> None:
     stage, results = STAGES[name], folder / "results.jsonl"
     size = stage.small if small else stage.size
     done = {line["command"] for line in lines_of(results) if line["figure"] == ENDED}
-    took_s = {line["command"]: line.get("took_s") for line in lines_of(RESULTS)}
     lacking = [one for one in (text.replace("{size}", size) for text in stage.commands) if one not in done]
-    lacking.sort(key=lambda one: -(took_s.get(one) or math.inf))  # a long command that starts last would run alone
+    lacking.sort(key=lambda command: not command.endswith(LONGEST))  # a long command that starts last would run alone
     end_s = time.monotonic() + 60 * stage.minutes
     running: list[Started] = []
     with results.open("a", encoding="utf-8") as file:
@@ -211,45 +207,17 @@ def run_stage(name: str, folder: Path, *, small: bool) -> None:
         print(f"{name}: {command}: left for the next start", flush=True)
 
 
-def section(lines: list[dict[str, Any]]) -> str:
-    """Return the section of the page: every figure with its command, its date and the load at the start."""
-    rows = [
-        f"| `{line['command']}` | {line['figure']} | {line['value']} | {line['date']} | {line['load']:g} "
-        f"| {line.get('took_s', '')} |"
-        for line in lines
-        if line["figure"] != ENDED or line["value"] != "0"
-    ]
-    text = (
-        "The commands wrote these figures themselves (`results.jsonl` beside this page); a test compares the table\n"
-        "with them. Load is the machine's at the start of the command, s the seconds that it took; ratios are taken\n"
-        "within one run.\n"
-    )
-    head = "| command | figure | value | date | load | s |\n|---|---|---|---|---|---|\n"
-    return "\n".join([HEADING, text, head + "\n".join(rows)]) + "\n"
-
-
-def write_page(lines: list[dict[str, Any]]) -> None:
-    """Write the figures into the page, and the results to the file next to it."""
-    before = PAGE.read_text(encoding="utf-8").partition(HEADING)[0].rstrip("\n")
-    PAGE.write_text(f"{before}\n\n{section(lines)}", encoding="utf-8")
-    RESULTS.write_text("".join(json.dumps(line, ensure_ascii=False) + "\n" for line in lines), encoding="utf-8")
-
-
 def main() -> None:
-    """Run the commands that the folder lacks, or write the page."""
+    """Run the commands that the folder lacks."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path, help="folder of results, continued")
     parser.add_argument("--small", action="store_true", help="the smallest sizes")
     parser.add_argument("--stage", choices=STAGES, help="only this stage")
-    parser.add_argument("--page", action="store_true", help="only write the figures into the page")
     arguments = parser.parse_args()
     for number in (signal.SIGINT, signal.SIGTERM):  # a program in the background would ignore the first
         signal.signal(number, lambda *_: _asked_to_end.set())
     folder = arguments.folder.resolve()
     folder.mkdir(parents=True, exist_ok=True)
-    if arguments.page:
-        write_page(lines_of(folder / "results.jsonl"))
-        return
     try:
         for name in STAGES if arguments.stage is None else [arguments.stage]:
             run_stage(name, folder, small=arguments.small)

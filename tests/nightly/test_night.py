@@ -1,6 +1,5 @@
-"""The code of the night: what counts as a figure, what is not repeated, and that the page has the last results."""
+"""The code of the night: what counts as a figure, what is not repeated."""
 
-import json
 import os
 import subprocess
 import sys
@@ -11,7 +10,7 @@ import pytest
 
 from tests.nightly import night
 from tests.nightly.fuzz import attack
-from tests.nightly.night import HEADING, PAGE, RESULTS, Stage, figures, lines_of, run_stage, section
+from tests.nightly.night import Stage, figures, lines_of, run_stage
 from tests.nightly.readers import READERS, Reader
 from tests.places import ROOT
 
@@ -84,17 +83,13 @@ def test_what_runs_at_the_end_of_its_stage_is_ended_and_begun_anew(
     assert [line["value"] for line in lines_of(tmp_path / "results.jsonl")] == ["3", "0"]
 
 
-def test_what_took_longest_in_the_last_results_begins_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    names = ("short", "long", "unknown")
-    last = [{"command": f"echo ratio {name}", "took_s": took} for name, took in (("short", 2), ("long", 900))]
-    (tmp_path / "last.jsonl").write_text("".join(json.dumps(line) + "\n" for line in last))
-    monkeypatch.setattr(night, "RESULTS", tmp_path / "last.jsonl")
-    monkeypatch.setitem(night.STAGES, "three", Stage(tuple(f"echo ratio {name}" for name in names), "", "", 1.0))
+def test_the_longest_command_begins_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(night, "LONGEST", ("long",))
+    monkeypatch.setitem(night.STAGES, "two", Stage(("echo ratio short", "echo ratio long"), "", "", 1.0))
 
-    run_stage("three", tmp_path, small=True)
+    run_stage("two", tmp_path, small=True)
 
-    begun = [line["command"].split()[-1] for line in lines_of(tmp_path / "results.jsonl")]
-    assert begun == ["unknown", "long", "short"]
+    assert [line["command"].split()[-1] for line in lines_of(tmp_path / "results.jsonl")] == ["long", "short"]
 
 
 def test_a_result_is_kept_while_a_command_that_was_begun_before_still_runs(
@@ -145,12 +140,6 @@ def test_a_night_that_is_killed_ends_what_it_runs_and_goes_on_from_there(tmp_pat
         os.kill(ended, 0)
     assert [line.split()[0] for line in ran.read_text().splitlines()] == ["first", "second", "second"]
     assert [line["value"] for line in lines_of(tmp_path / "results.jsonl")] == ["0", "0"]
-
-
-def test_the_page_has_the_figures_of_the_last_file_of_results() -> None:
-    written = PAGE.read_text(encoding="utf-8").partition(HEADING)
-
-    assert written[1] + written[2] == section(lines_of(RESULTS))
 
 
 @pytest.mark.parametrize("reader", READERS, ids=lambda reader: reader.name)
