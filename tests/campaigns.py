@@ -1,33 +1,29 @@
 """Files such as an operator has, and fixtures that run the program as an operator does."""
 
-import contextlib
 import fcntl
-import io
 import os
 import pickle
 import shutil
 import subprocess
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import Any
 
 import numpy as np
 import pytest
 
-from cfid.cli.main import main
 from cfid.console.campaign import make_campaign
 from cfid.records.campaign import find_campaign
 from cfid.records.rig_file import load_rig, new_rig_text
 from cfid.sim.truth import INERTIA_KG_M2, USUAL_TRUTH
 from cfid.wire.rls import STEPS_PER_TURN, decode_words
+from tests.lab import Cfid, run_cfid
 from tests.offline.runs import SimulatedRun
 from tests.offline.swings import record_chapter_2
 from tests.offline.write import write_runs
 from tests.processes import started
 from tests.transfer.sines_in_a_folder import Here
 
-Cfid = Callable[..., subprocess.CompletedProcess[str]]
 Once = Callable[[str, Callable[[Path], None]], Path]
 
 LONGEST_S = 120.0
@@ -42,14 +38,9 @@ def cfid(tmp_path: Path) -> Cfid:
 
     def run(*arguments: object, folder: Path = tmp_path) -> subprocess.CompletedProcess[str]:
         words = [str(argument) for argument in arguments]
-        return _in_a_process(words, folder) if words and words[0] in _WITH_DEVICES else in_this_process(words, folder)
+        return _in_a_process(words, folder) if words and words[0] in _WITH_DEVICES else run_cfid(words, folder)
 
     return run
-
-
-def sentences(content: Mapping[str, Any]) -> list[str]:
-    """Return the sentences of the findings in a result's --json."""
-    return [finding["text"] for finding in content["findings"]]
 
 
 def _in_a_process(words: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
@@ -58,20 +49,6 @@ def _in_a_process(words: list[str], folder: Path) -> subprocess.CompletedProcess
         out.seek(0)
         err.seek(0)
         return subprocess.CompletedProcess(["cfid", *words], code, out.read(), err.read())
-
-
-def in_this_process(words: Sequence[str], folder: Path) -> subprocess.CompletedProcess[str]:
-    """Run a command in this process, since a new Python takes longer to start than most commands take."""
-    out, err = (io.TextIOWrapper(io.BytesIO(), encoding="utf-8", write_through=True) for _ in range(2))
-    with (
-        contextlib.chdir(folder),
-        contextlib.redirect_stdout(out),
-        contextlib.redirect_stderr(err),
-        pytest.raises(SystemExit) as ended,
-    ):
-        main(words)
-    said = [stream.buffer.getvalue().decode() for stream in (out, err)]
-    return subprocess.CompletedProcess(["cfid", *words], int(ended.value.code or 0), *said)
 
 
 @pytest.fixture

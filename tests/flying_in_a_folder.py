@@ -24,8 +24,7 @@ from cfid.sim.faults import CrazyflieFaults, LoadCellFaults
 from cfid.sim.propulsion import STILL, Four
 from cfid.sim.service import ServedRig
 from cfid.sim.truth import SimTruth
-from tests.lateness import kept_waiting_s
-from tests.priority import run_devices
+from tests.priority import kept_waiting_s, run_devices
 from tests.processes import started
 
 LONGEST_S = 120.0  # any step may take this long on a busy computer

@@ -1,14 +1,20 @@
 """Run what depends on a clock before what only computes, if the system allows it (for tests of an administrator).
 
+How long a busy computer delayed a test is subtracted before a time is compared with a limit.
+
 A rig's wires do not wait: a simulated load cell that three other tests keep from the processor acts like a broken one.
 """
 
+import hashlib
 import os
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
 _AHEAD = -10  # a value of `nice`: nine times the share of a program that computes
+_SLEEP_S = 0.005
+_WORK = bytes(1 << 19)  # takes a millisecond, without Python's lock
 
 
 @contextmanager
@@ -37,3 +43,12 @@ def run_devices(loop: Any) -> None:
     with suppress(AttributeError, OSError):
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
     loop.run(installSignalHandlers=False)
+
+
+def kept_waiting_s() -> float:
+    """Sleep and work for a short time; return how much longer this took than on an idle computer."""
+    began_s, worked_s = time.monotonic(), time.thread_time()
+    time.sleep(_SLEEP_S)
+    hashlib.sha256(_WORK).digest()
+    needed_s = _SLEEP_S + time.thread_time() - worked_s
+    return max(time.monotonic() - began_s - needed_s, 0.0)

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from cfid.sim.app_core import load_library
-from tests.places import ROOT
+from tests.lab import ROOT
 from tests.priority import run_at
 
 _ROOMS = ("cfid.cli", "cfid.console", "cfid.rig", "cfid.sim")  # common to the commands that reach devices

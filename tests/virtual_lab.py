@@ -27,7 +27,7 @@ from cfid.sim.virtual import Virtual
 from cfid.wire.e201 import STOP_CONTINUOUS
 from cfid.wire.rdt import Command as RdtCommand
 from cfid.wire.rdt import Request, encode_request
-from tests.places import ROOT
+from tests.lab import ROOT
 from tests.virtual_command import Command, PausingClock
 
 LOADCELL_HZ = 700  # instead of 7000: a tenth of the work with the same code

@@ -33,7 +33,7 @@ from cfid.fleet.refit import refit
 from cfid.records.campaign import open_campaign
 from cfid.records.parameters import plain
 from cfid.sim.truth import USUAL_TRUTH
-from tests.kept import sections_at
+from tests.lab import sections_at
 from tests.offline.swings import record_chapter_2
 from tests.offline.write import write_runs
 

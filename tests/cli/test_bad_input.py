@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from cfid.records.rig_file import new_rig_text
+from tests.lab import Cfid
 
-Cfid = Callable[..., subprocess.CompletedProcess[str]]
 Spoil = Callable[[list[str]], list[str]]
 
 

@@ -3,14 +3,12 @@
 import os
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from cfid.cli.table import COMMANDS
-
-Cfid = Callable[..., subprocess.CompletedProcess[str]]
+from tests.lab import Cfid
 
 HEAVY = ("numpy", "scipy", "pandas", "matplotlib", "pydantic", "plotext", "twisted", "serial", "cflib", "tomlkit")
 

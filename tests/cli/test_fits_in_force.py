@@ -12,9 +12,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from cfid.records.parameters import Section
-from tests.campaigns import Cfid
 from tests.export.thesis_vehicle import sections
-from tests.kept import keep, sections_at
+from tests.lab import Cfid, keep, sections_at
 
 MANY, FEW = range(4000, 65536, 4000), (20000, 40000, 60000)
 LARGEST_N = 2.4e-11 * 65535**2 + 6e-7 * 65535

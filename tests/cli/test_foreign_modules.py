@@ -11,7 +11,7 @@ import pytest
 
 from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import new_rig_text
-from tests.places import ROOT
+from tests.lab import ROOT
 from tests.rig_in_a_folder import wait_until
 
 NAMES = ("cfid", "queue", "struct")

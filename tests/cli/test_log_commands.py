@@ -16,7 +16,7 @@ from cfid.console.screen import Screen
 from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import new_rig_text
 from cfid.wire.netft import rate_query, read_settings
-from tests.campaigns import in_this_process
+from tests.lab import run_cfid
 from tests.rig_in_a_folder import lab_in as served_lab_in
 from tests.terminal import COLUMNS, Terminal
 from tests.virtual_lab import LOADCELL_HZ, Lab, lab_in
@@ -44,7 +44,7 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[Terminal]:
 
 @pytest.mark.parametrize("words", [("log", "loadcell"), ("rig", "sim")])
 def test_a_command_of_the_rig_needs_a_campaign(tmp_path: Path, words: tuple[str, ...]) -> None:
-    ended = in_this_process(words, tmp_path)
+    ended = run_cfid(words, tmp_path)
 
     assert ended.returncode == 2
     assert "no rig.toml" in ended.stderr
@@ -67,7 +67,7 @@ def test_a_command_of_the_rig_needs_a_campaign(tmp_path: Path, words: tuple[str,
 )
 def test_a_wrong_option_is_named_before_anything_is_opened(tmp_path: Path, words: str, option: str) -> None:
     (tmp_path / RIG_FILE).write_text(new_rig_text())
-    ended = in_this_process(["log", *words.split()], tmp_path)
+    ended = run_cfid(["log", *words.split()], tmp_path)
 
     assert ended.returncode == 2
     assert option in ended.stderr
@@ -91,7 +91,7 @@ def test_a_wrong_option_is_named_before_anything_is_opened(tmp_path: Path, words
 )
 def test_a_dry_run_opens_nothing(tmp_path: Path, words: str, number: str) -> None:
     (tmp_path / RIG_FILE).write_text(new_rig_text())
-    ended = in_this_process(["log", *words.split(), "--dry-run"], tmp_path)
+    ended = run_cfid(["log", *words.split(), "--dry-run"], tmp_path)
 
     assert ended.returncode == 0
     assert number in ended.stdout

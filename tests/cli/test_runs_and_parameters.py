@@ -19,8 +19,7 @@ from cfid.records.campaign import Campaign, find_campaign
 from cfid.records.choose import labelled
 from cfid.records.run import DeviceRecord, Label, Run, read_run
 from cfid.records.run_writer import create_run
-from tests.campaigns import Cfid
-from tests.kept import sections_at
+from tests.lab import Cfid, sections_at
 
 DROPS = labelled("drop")
 STARTED = datetime(2026, 11, 21, 8, 30, tzinfo=UTC)

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from cfid.console.messages import fault, in_options
-from tests.places import ROOT
+from tests.lab import ROOT
 
 COMMANDS = ROOT / "docs" / "reference" / "commands.md"
 OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]*")

@@ -9,7 +9,7 @@ import pytest
 
 from cfid.records.run import DeviceRecord, Label
 from cfid.records.run_writer import create_run
-from tests.campaigns import Cfid
+from tests.lab import Cfid
 
 T = 1.7e9 + np.arange(5.0)
 DEVICES = {

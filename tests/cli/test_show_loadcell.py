@@ -2,7 +2,6 @@
 
 import json
 import subprocess
-from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -12,9 +11,7 @@ import pytest
 
 from cfid.records.run import DeviceRecord, Label
 from cfid.records.run_writer import create_run
-from tests.campaigns import sentences
-
-Cfid = Callable[..., subprocess.CompletedProcess[str]]
+from tests.lab import Cfid, sentences
 
 TIMING = ("samples", "duration_s", "median_interval_s", "longest_interval_s")
 WRENCH = ("mean_n", "std_n", "mean_nm", "std_nm")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from tests.campaigns import Cfid
+from tests.lab import Cfid
 from tests.logs.usd_bytes import FIXED, POSE, bytes_of, rows, single, written
 
 STAND = "Time (s),ESC signal (µs),Thrust (gf),Motor Optical Speed (RPM),Voltage (V)\n"

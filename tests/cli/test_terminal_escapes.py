@@ -2,7 +2,6 @@
 
 import json
 import subprocess
-from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -12,8 +11,7 @@ from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import new_rig_text
 from cfid.records.run import DeviceRecord, Label
 from cfid.records.run_writer import create_run
-
-Cfid = Callable[..., subprocess.CompletedProcess[str]]
+from tests.lab import Cfid
 
 EVIL = "\x1b]0;owned\x07\x1b[2J\x9b31m\r[/red]\u202e"
 

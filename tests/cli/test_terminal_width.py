@@ -23,7 +23,7 @@ from cfid.records.parameters import Parameter
 from cfid.records.result import Result
 from cfid.records.run import Run, list_runs, read_run
 from cfid.rig.check import DeviceAnswer
-from tests.campaigns import Cfid
+from tests.lab import Cfid
 from tests.terminal import COLUMNS, Terminal
 from tests.virtual_bench import bench_in
 from tests.virtual_lab import lab_in

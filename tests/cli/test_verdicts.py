@@ -20,7 +20,7 @@ from cfid.errors import CfidError, ConfigError
 from cfid.motors.plan import missing
 from cfid.records.run import DeviceRecord, Label, Run, Verdict, amend_run, list_runs, read_run, write_header
 from cfid.records.run_writer import create_run
-from tests.campaigns import Cfid
+from tests.lab import Cfid
 from tests.records.test_sampled_runs import recorded
 from tests.virtual_lab import Lab, LabCommand, lab_in
 

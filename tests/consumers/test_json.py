@@ -13,7 +13,7 @@ from cfid.records.rig_file import thesis_rig
 from tests.consumers.plant import DRAG_KG_PER_RAD, INERTIA, PLACES, measured
 from tests.export.reading import export
 from tests.export.thesis_vehicle import section, sections, vehicle
-from tests.kept import values_of
+from tests.lab import values_of
 
 SCHEMA = json.loads(files("cfid.export").joinpath("vehicle.schema.json").read_text())
 

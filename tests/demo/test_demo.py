@@ -18,9 +18,8 @@ from cfid.demo.recordings import DROPS, SWINGS, Laboratory, experiments, winds
 from cfid.demo.truth import demo_truth, true_values
 from cfid.records.campaign import find_campaign
 from cfid.records.fits import Fit, list_fits
-from tests.campaigns import Cfid, in_this_process
 from tests.fleet.test_refit import numbers as found_numbers
-from tests.kept import sections_at
+from tests.lab import Cfid, run_cfid, sections_at
 from tests.report.chromium import BROWSER, look_at
 
 SECTIONS = {
@@ -68,7 +67,7 @@ def fitted_here(folder: Path, seed: int) -> list[tuple[str, float, float, float 
         for recording in recordings:
             laboratory.make(recording)
         for words in fits:
-            said = in_this_process([*words.format(**runs_by_kind(campaign)).split(), "--no-figures"], folder)
+            said = run_cfid([*words.format(**runs_by_kind(campaign)).split(), "--no-figures"], folder)
             assert said.returncode == 0, said.stderr
     return numbers(folder, seed)
 
@@ -143,7 +142,7 @@ def test_the_truth_lies_within_the_interval_of_nineteen_in_twenty_parameters(tmp
 def test_a_fleet_repeats_every_fit_with_its_options_to_the_last_bit(cfid: Cfid, tmp_path: Path) -> None:
     fitted_here(tmp_path / "demo", 1)
     for words in OPTIONS:
-        ended = in_this_process([*words.split(), "--no-figures"], tmp_path / "demo")
+        ended = run_cfid([*words.split(), "--no-figures"], tmp_path / "demo")
         assert ended.returncode == 0, ended.stderr
     ended = cfid("fleet", "fit", tmp_path / "demo", "--out", tmp_path / "again", "--jobs", 1)
 

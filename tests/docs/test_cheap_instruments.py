@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from cfid.records.rig_file import Devices
-from tests.places import ROOT
+from tests.lab import ROOT
 
 TEXT = (ROOT / "docs" / "how-to" / "cheap-instruments.md").read_text(encoding="utf-8")
 TABLES = re.findall(r"```toml\n(.*?)```", TEXT, re.DOTALL)

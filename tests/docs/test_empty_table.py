@@ -16,7 +16,7 @@ from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import Rig, load_rig
 from cfid.rig.sim_file import SIM_FILE
 from cfid.sim.truth import INERTIA_KG_M2
-from tests.places import ROOT
+from tests.lab import ROOT
 from tests.processes import Forked, started
 
 PAGE = (ROOT / "docs" / "how-to" / "from-an-empty-table.md").read_text(encoding="utf-8")

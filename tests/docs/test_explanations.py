@@ -8,7 +8,7 @@ from types import ModuleType
 
 import pytest
 
-from tests.places import ROOT
+from tests.lab import ROOT
 
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
 

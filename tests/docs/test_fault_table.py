@@ -7,7 +7,7 @@ import pytest
 from pydantic import BaseModel
 
 from cfid.sim.faults import CrazyflieFaults, EncoderFaults, LoadCellFaults
-from tests.places import ROOT
+from tests.lab import ROOT
 
 TEXT = (ROOT / "docs" / "reference" / "faults.md").read_text()
 ROWS = [[cell.strip() for cell in line.strip("|").split("|")] for line in TEXT.splitlines() if line.startswith("|")]

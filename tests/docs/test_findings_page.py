@@ -8,7 +8,7 @@ from functools import cache
 import pytest
 
 from cfid.findings import CODES, SEVERITIES
-from tests.places import ROOT
+from tests.lab import ROOT
 
 PAGE = ROOT / "docs" / "reference" / "findings.md"
 

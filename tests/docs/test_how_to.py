@@ -4,8 +4,7 @@ import re
 
 import pytest
 
-from tests.campaigns import Cfid
-from tests.places import ROOT
+from tests.lab import ROOT, Cfid
 
 HOW_TO = ROOT / "docs" / "how-to"
 

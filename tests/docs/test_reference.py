@@ -11,7 +11,7 @@ from pydantic import BaseModel
 from cfid.errors import CfidError
 from cfid.quantities.registry import QUANTITIES
 from cfid.records.rig_file import LineDevice, Mount, Rig
-from tests.places import ROOT
+from tests.lab import ROOT
 
 REFERENCE = ROOT / "docs" / "reference"
 

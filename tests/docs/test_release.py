@@ -16,7 +16,7 @@ import pytest
 
 from cfid.rig.sim_file import SIM_FILE
 from cfid.version import __version__
-from tests.places import ROOT
+from tests.lab import ROOT
 from tests.priority import ahead_of_others
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]

@@ -12,8 +12,7 @@ import pytest
 
 from cfid.quantities.plausible import implausible
 from cfid.quantities.registry import find, unit_of
-from tests.kept import sections_at, values_at
-from tests.places import ROOT
+from tests.lab import ROOT, sections_at, values_at
 from tests.priority import ahead_of_others
 from tests.processes import cfid_in_a_shell
 

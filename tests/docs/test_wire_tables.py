@@ -13,7 +13,7 @@ import pytest
 
 from cfid.wire import rdt_status
 from cfid.wire.layout import Layout
-from tests.places import ROOT
+from tests.lab import ROOT
 
 TEXT = (ROOT / "docs" / "reference" / "wires.md").read_text(encoding="utf-8")
 ROWS = re.findall(r"^\| `(\w+)\.([^`]+)` \| `([^`]+)` \|", TEXT, re.MULTILINE)

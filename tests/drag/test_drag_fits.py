@@ -21,7 +21,6 @@ from cfid.drag.thesis import Grouping
 from cfid.errors import DataError
 from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import RigFacts, WindStand, new_rig_text
-from tests.campaigns import Cfid
 from tests.drag.thesis_campaign import COMPLEX_AIR, EQ_4_11, NAMES, SIMPLE_AIR, WORLDS, exact, measured
 from tests.drag.wind_in_a_folder import (
     DRIVEN,
@@ -37,6 +36,7 @@ from tests.drag.wind_in_a_folder import (
     recorded,
 )
 from tests.drag.wind_tunnel import CrossAir, Wind
+from tests.lab import Cfid
 
 Array = npt.NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from cfid.motors.plan import missing
 from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import new_rig_text
 from cfid.records.run import Run, list_runs
-from tests.campaigns import in_this_process
+from tests.lab import run_cfid
 from tests.virtual_bench import Bench, bench_in
 
 QUICK = ("--commands", "0,20000,40000", "--hold", 0.6, "--rest", 0.3)
@@ -52,7 +52,7 @@ def test_a_dry_run_says_the_wind_how_long_it_takes_and_what_the_thesis_plan_lack
     tmp_path: Path, words: str, lines: int
 ) -> None:
     (tmp_path / RIG_FILE).write_text(new_rig_text())
-    ended = in_this_process(["log", "wind", *words.split(), "--dry-run"], tmp_path)
+    ended = run_cfid(["log", "wind", *words.split(), "--dry-run"], tmp_path)
 
     assert ended.returncode == 0, ended.stderr
     said = ended.stdout.splitlines()

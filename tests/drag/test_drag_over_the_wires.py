@@ -10,7 +10,7 @@ import pytest
 
 from cfid.records.files import RUNS_FOLDER
 from cfid.sim.propulsion import RotorTruth, WindTruth
-from tests.campaigns import in_this_process
+from tests.lab import run_cfid
 from tests.virtual_bench import bench_in
 
 COMMANDS = (20000, 40000)
@@ -46,7 +46,7 @@ def test_winds_recorded_one_after_the_other_give_the_coefficients_that_act(tmp_p
     assert "8 are recorded" in out
 
     names = sorted(path.name for path in (tmp_path / RUNS_FOLDER).iterdir())
-    ended = in_this_process(["fit", "drag", *names, "--json"], tmp_path)
+    ended = run_cfid(["fit", "drag", *names, "--json"], tmp_path)
 
     assert ended.returncode == 0, ended.stderr
     found = json.loads(ended.stdout)["parameters"]["drag.simple_kg_per_rad"]

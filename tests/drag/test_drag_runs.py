@@ -16,10 +16,9 @@ from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import LoadCellMount, RigFacts, Tachometer, WindStand, new_rig_text
 from cfid.records.run import Run, read_run, write_header
 from cfid.sim.propulsion import BatteryTruth, RotorTruth, WindTruth
-from tests.campaigns import Cfid
 from tests.drag.wind_in_a_folder import MOUNT
+from tests.lab import Cfid, made_run
 from tests.motors.stand_in_a_folder import BEGIN_S, COLUMNS, climbed, write_run
-from tests.recordings.made import made_run
 
 COMMANDS = (20000, 40000)
 WINDS = (
@@ -77,7 +76,7 @@ def blown(
                 "rpm": np.array([shown_rpm(command) for command in COMMANDS])[:told],
             },
         },
-        scales={"loadcell": {"counts_per_n": 1e6, "counts_per_nm": 1e6}},
+        facts_of={"loadcell": {"counts_per_n": 1e6, "counts_per_nm": 1e6}},
         started=datetime(2026, 11, 21, 8, int(10 * wind.speed_mps), tzinfo=UTC),
         facts=facts,
         requested={

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from cfid.drawing.save import save_figure
 from cfid.drawing.style import draw_line, figure, name_panel, styled
 from cfid.errors import ConfigError
-from tests.places import ROOT
+from tests.lab import ROOT
 
 
 @styled

@@ -11,7 +11,7 @@ import pytest
 
 from cfid.errors import FitError
 from cfid.estimate.staircase import Point, Staircase, reduce_staircase
-from tests.places import DATA
+from tests.lab import DATA
 
 STAND = DATA / "bitcraze_2021"
 STEPS, RAMP = STAND / "cf21_stock2.csv", STAND / "cf2.1-stock-prop.csv"

@@ -12,7 +12,7 @@ from cfid.records.parameters import Parameter
 from cfid.records.rig_file import thesis_rig
 from tests.export.reading import export
 from tests.export.thesis_vehicle import INERTIA_KG_M2, sections
-from tests.kept import values_of
+from tests.lab import values_of
 
 
 def test_what_rig_toml_states_has_its_uncertainty_and_its_axes() -> None:

@@ -2,9 +2,7 @@
 
 import json
 import re
-import subprocess
 import tomllib
-from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -18,9 +16,7 @@ from cfid.records.rig_file import new_rig_text
 from cfid.records.run import DeviceRecord, Label, amend_run
 from cfid.records.run_writer import create_run
 from tests.export.thesis_vehicle import section, sections
-from tests.kept import keep, keep_instead
-
-Cfid = Callable[..., subprocess.CompletedProcess[str]]
+from tests.lab import Cfid, keep, keep_instead
 
 
 @pytest.fixture

@@ -3,9 +3,8 @@
 import csv
 import json
 import re
-import subprocess
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -23,9 +22,7 @@ from cfid.records.rig_file import new_rig_text
 from cfid.records.run import DeviceRecord, Label
 from cfid.records.run_writer import create_run
 from tests.export.thesis_vehicle import INERTIA_KG_M2, section, sections, vehicle
-from tests.kept import keep, keep_instead, sections_at
-
-Cfid = Callable[..., subprocess.CompletedProcess[str]]
+from tests.lab import Cfid, keep, keep_instead, sections_at
 
 STD = {  # standard uncertainties, in the unit of each number
     "motor.thrust_poly": [5e-13, 3e-8, 3e-4],

@@ -22,8 +22,7 @@ from cfid.motors.points import frame
 from cfid.recordings.stand import read_stand, stand_of
 from cfid.records.covariances import numbers_of
 from tests.export.thesis_vehicle import vehicle, with_value
-from tests.kept import sections_at
-from tests.places import DATA
+from tests.lab import DATA, sections_at
 
 Array = npt.NDArray[np.float64]
 Inverse = Callable[..., tuple[Array, Array]]

@@ -8,9 +8,8 @@ import pytest
 from cfid.errors import ConfigError
 from cfid.records.rig_file import new_rig_text
 from cfid.report.formats.sealed import write_report
-from tests.campaigns import Cfid
 from tests.export.thesis_vehicle import sections
-from tests.kept import keep
+from tests.lab import Cfid, keep
 
 ODD = (
     "folder",

@@ -20,8 +20,7 @@ from cfid.records.rig_file import load_rig, new_rig_text, thesis_rig
 from tests.export import thesis_vehicle as thesis
 from tests.export.reading import attributes, export, macros, python, toml, xml
 from tests.export.thesis_vehicle import section, sections, vehicle, with_value
-from tests.kept import values_of
-from tests.places import ROOT
+from tests.lab import ROOT, values_of
 
 EVERY = list(TARGETS)
 COMMENTED = [name for name, target in TARGETS.items() if target.comment]

@@ -10,7 +10,7 @@ from cfid.export.vehicle import ExportVehicle, collect
 from cfid.quantities.registry import unit_of
 from cfid.records.parameters import Parameter, Section, Source
 from cfid.records.rig_file import thesis_rig
-from tests.kept import values_of
+from tests.lab import values_of
 
 MASS_KG = 0.028
 INERTIA_KG_M2 = [  # about x (pitch), y (roll), z

@@ -19,8 +19,7 @@ from cfid.fleet.comparison import outliers
 from cfid.records.parameters import Parameter, Section, Source
 from cfid.records.run import DeviceRecord, Label
 from cfid.records.run_writer import create_run
-from tests.campaigns import Cfid
-from tests.kept import keep
+from tests.lab import Cfid, keep
 
 DAY_0 = datetime(2026, 11, 1, tzinfo=UTC)
 

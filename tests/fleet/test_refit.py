@@ -27,8 +27,8 @@ from cfid.records.campaign import open_campaign
 from cfid.records.files import RIG_FILE, sha256_of
 from cfid.records.parameters import Section, plain
 from cfid.records.rig_file import new_rig_text
-from tests.campaigns import LONGEST_S, Cfid, Once, in_this_process
-from tests.kept import sections_at
+from tests.campaigns import LONGEST_S, Once
+from tests.lab import Cfid, run_cfid, sections_at
 from tests.motors.stand_in_a_folder import climbed, write_run
 from tests.motors.test_resumed_scales import two_parts
 from tests.processes import started
@@ -54,7 +54,7 @@ def campaigns(once: Once, recordings: list[Any]) -> Path:
         for name, fits in FITS.items():
             for fit in fits:
                 words = ["fit", fit, *([swing] if fit == "swing" else []), "--no-figures"]
-                ended = in_this_process(words, folder / name)
+                ended = run_cfid(words, folder / name)
                 assert ended.returncode == 0, ended.stderr
 
     return once("fleet", make)
@@ -72,7 +72,7 @@ def results(once: Once, campaigns: Path, tmp_path: Path) -> Path:
 
     def make(folder: Path) -> None:
         words = ["fleet", "fit", str(campaigns / "c3"), "--out", "results", "--jobs", "1"]
-        ended = in_this_process(words, folder)
+        ended = run_cfid(words, folder)
         assert ended.returncode == 0, ended.stderr
 
     return Path(shutil.copytree(once("refitted", make) / "results", tmp_path / "results"))
@@ -480,7 +480,7 @@ def fitted_with_options(once: Once, campaigns: Path, tmp_path: Path) -> Path:
             f"swing {swing} --from 0.75 --to 14.2 --mass-kg 0.0301:0.0001 --min-angle-deg 3",
             "friction --radius-mm 2.05:0.01 --gravity-mps2 9.8123:0.0001",
         ):
-            ended = in_this_process(["fit", *words.split(), "--no-figures"], campaign)
+            ended = run_cfid(["fit", *words.split(), "--no-figures"], campaign)
             assert ended.returncode == 0, ended.stderr
 
     return Path(shutil.copytree(once("fitted with options", make) / "c1", tmp_path / "options" / "c1"))
@@ -506,7 +506,7 @@ def test_labels_that_were_typed_are_repeated_and_those_of_other_runs_refused(thr
     campaign = three / "c1"
     drops = sorted(path.name for path in (campaign / "runs").glob("*drop*"))
     words = [f"{drop.rpartition('_')[2].removesuffix('g')}:0.2={drop}" for drop in drops]
-    ended = in_this_process(["fit", "friction", *words, "--no-figures"], campaign)
+    ended = run_cfid(["fit", "friction", *words, "--no-figures"], campaign)
     assert ended.returncode == 0, ended.stderr
     kept = numbers(sections_at(campaign))
     file = last_fit(campaign, "friction")
@@ -533,7 +533,7 @@ def test_a_map_is_verified_again_by_all_parts_of_its_scales(tmp_path: Path) -> N
     write_run(tmp_path, climbed(steps), steps=steps, motors=(1, 3), hold_s=2.0, rest_s=1.0)
     _, second = two_parts(tmp_path)
     words = ["fit", "thrust", "--verify", second.folder.name, "--no-figures"]
-    ended = in_this_process(words, tmp_path)
+    ended = run_cfid(words, tmp_path)
     assert ended.returncode == 0, ended.stderr
     file = last_fit(tmp_path, "thrust")
     content = json.loads(file.read_text())

@@ -12,7 +12,7 @@ import pytest
 from cfid.errors import DataError
 from cfid.fleet.workers import TRIES, on_cluster, on_processes
 from tests.fleet.work import die_of_bad, die_once, fail, leave_and_die, length, swallow, threads
-from tests.places import ROOT
+from tests.lab import ROOT
 
 pytestmark = pytest.mark.usefixtures("in_time")
 

@@ -13,9 +13,9 @@ from cfid.errors import DataError
 from cfid.flight.data import read_flight
 from cfid.flight.result import fit
 from cfid.recordings.crazyflie import channel
-from tests.campaigns import Cfid
 from tests.flight.flying import STEP, Fleet, fleet, fly
 from tests.flight.test_flight_fits import body_of
+from tests.lab import Cfid
 from tests.logs.autopilot_bytes import message, signed, unsigned
 
 Array = npt.NDArray[np.float64]

@@ -21,7 +21,7 @@ from cfid.flight.rows import Flight
 from cfid.flight.values import Body
 from cfid.recordings.crazyflie import channel
 from cfid.recordings.read import read_recording
-from tests.places import DATA
+from tests.lab import DATA
 from tests.recordings.made import only
 
 Array = npt.NDArray[np.float64]

@@ -20,7 +20,7 @@ from cfid.recordings.angle import AngleRecord, labelled
 from cfid.records.rig_file import FrictionRig, thesis_rig
 from cfid.records.run import Label
 from cfid.sim.plants import DroppingWeight, drop
-from tests.campaigns import Cfid
+from tests.lab import Cfid
 from tests.recordings.made import made_angle
 from tests.swing.swung import written
 

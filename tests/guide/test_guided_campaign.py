@@ -16,8 +16,7 @@ from cfid.sim.devices import SimulatedRig
 from cfid.sim.propulsion import RotorTruth, WindTruth
 from cfid.sim.truth import INERTIA_KG_M2, SimTruth
 from cfid.sim.virtual import Virtual
-from tests.campaigns import in_this_process
-from tests.kept import sections_at
+from tests.lab import run_cfid, sections_at
 from tests.virtual_command import Command, Keyboard, PausingClock
 
 pytestmark = pytest.mark.slow
@@ -38,10 +37,10 @@ class Operator:
         self.folder, self.kind = folder / "campaign", kind
         self._winds = iter(WINDS)
         self._now_s = 1_763_712_345.0
-        assert in_this_process(["new", "campaign"], folder).returncode == 0
+        assert run_cfid(["new", "campaign"], folder).returncode == 0
 
     def status(self) -> dict[str, Any]:
-        ended = in_this_process(["status", "--kind", self.kind, "--json"], self.folder)
+        ended = run_cfid(["status", "--kind", self.kind, "--json"], self.folder)
         content: dict[str, Any] = json.loads(ended.stdout)
         return content
 

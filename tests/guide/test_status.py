@@ -31,8 +31,7 @@ from cfid.records.rig_file import CampaignGoal, load_rig
 from cfid.records.run import DeviceRecord, Label, Verdict, amend_run, list_runs, read_run
 from cfid.records.run_writer import create_run
 from cfid.records.stale import stale_in
-from tests.campaigns import Cfid
-from tests.kept import keep
+from tests.lab import Cfid, keep
 
 ENCODER = DeviceRecord(file="encoder.csv", columns=("t", "phi"), counts_per_turn=8192.0)
 BEGAN = datetime(2026, 1, 1, 8, tzinfo=UTC)

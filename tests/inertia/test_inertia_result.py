@@ -11,7 +11,7 @@ from cfid.errors import ConfigError
 from cfid.records.result import Result
 from cfid.records.rig_file import thesis_rig
 from cfid.swing.body import KnownInertia
-from tests.campaigns import Cfid
+from tests.lab import Cfid
 from tests.swing.swung import swung, written
 
 RIG = thesis_rig()

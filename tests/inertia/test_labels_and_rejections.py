@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.campaigns import Cfid
+from tests.lab import Cfid
 from tests.swing.swung import encoded, frequency_on, swung, written
 
 MOUNTS = ("x", "y", "z", "xy", "xz", "yz")

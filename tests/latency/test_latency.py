@@ -17,9 +17,7 @@ from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import new_rig_text
 from cfid.records.run import Label, Run
 from cfid.sim.link import Direction, RadioTruth
-from tests.campaigns import Cfid
-from tests.kept import sections_at
-from tests.recordings.made import made_run
+from tests.lab import Cfid, made_run, sections_at
 
 RATE = 84 / 85
 ZERO_S = 1.75e9 - 100 / RATE  # the host's time when the vehicle's clock was zero

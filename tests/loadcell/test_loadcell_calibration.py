@@ -19,9 +19,7 @@ from cfid.recordings.read import read_recording
 from cfid.recordings.wrench import wrench_of
 from cfid.records.rig_file import LoadCellMount, RigFacts, Scales, change_rig, load_rig, new_rig_text
 from cfid.records.run import Label, Pull, Run
-from tests.campaigns import Cfid
-from tests.few_axes import with_axes
-from tests.recordings.made import made_run
+from tests.lab import Cfid, made_run, with_axes
 
 Array = npt.NDArray[np.float64]
 
@@ -96,7 +94,7 @@ def record(
                     weight_std_g=weight_std_g if grams else None,
                     at_mm=at_mm if grams else None,
                 ),
-                scales={"loadcell": {"counts_per_n": COUNTS_PER_N, "counts_per_nm": COUNTS_PER_NM}},
+                facts_of={"loadcell": {"counts_per_n": COUNTS_PER_N, "counts_per_nm": COUNTS_PER_NM}},
                 started=datetime(2026, 11, 21, 8, 0, number, tzinfo=UTC),
                 facts=facts or RigFacts(scales=Scales(linearity_std=0.001)),
             )

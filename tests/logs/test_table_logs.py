@@ -12,7 +12,7 @@ from cfid.errors import ConfigError, DataError
 from cfid.recordings.crazyflie import channel
 from cfid.recordings.read import read_recording
 from cfid.recordings.recording import How
-from tests.places import DATA
+from tests.lab import DATA
 from tests.recordings.made import only
 
 

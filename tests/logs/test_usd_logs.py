@@ -11,8 +11,8 @@ from cfid.errors import ConfigError, DataError
 from cfid.recordings.crazyflie import channel, is_flown
 from cfid.recordings.read import read_recording
 from cfid.recordings.recording import How, Recording
+from tests.lab import DATA
 from tests.logs.usd_bytes import FIXED, POSE, Record, bytes_of, rows, single, written
-from tests.places import DATA
 
 
 def gyro(log: Recording) -> list[float]:

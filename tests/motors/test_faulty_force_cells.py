@@ -16,7 +16,7 @@ from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import new_rig_text
 from cfid.records.run import Run, read_run
 from cfid.sim.propulsion import RotorTruth
-from tests.few_axes import with_axes
+from tests.lab import with_axes
 from tests.motors.stand_in_a_folder import climbed, write_run
 
 Array = npt.NDArray[np.float64]

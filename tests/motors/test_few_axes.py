@@ -1,7 +1,5 @@
 """A load cell with one axis gives the same thrust as six axes, or torque by an arm, and reports what it cannot give."""
 
-import subprocess
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +14,8 @@ from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import new_rig_text
 from cfid.records.run import Run, write_header
 from cfid.sim.propulsion import RotorTruth
-from tests.few_axes import with_axes
+from tests.lab import Cfid, with_axes
 from tests.motors.stand_in_a_folder import climbed, write_run
-
-Cfid = Callable[..., subprocess.CompletedProcess[str]]
 
 STEPS = tuple(range(0, 64001, 8000))
 RATE_HZ = 80.0  # typical of load-cell amplifiers

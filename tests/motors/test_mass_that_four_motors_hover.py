@@ -9,7 +9,7 @@ import numpy.typing as npt
 import pandas as pd
 import pytest
 
-from tests.campaigns import Cfid
+from tests.lab import Cfid
 
 Array = npt.NDArray[np.float64]
 

@@ -1,8 +1,6 @@
 """`cfid fit thrust`, `speed` and `torque` turn runs, files and tables into maps and findings."""
 
 import json
-import subprocess
-from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -21,12 +19,8 @@ from cfid.records.rig_file import LoadCellMount, RigFacts, Tachometer, new_rig_t
 from cfid.records.run import DeviceRecord, Label
 from cfid.records.run_writer import create_run
 from cfid.sim.propulsion import BatteryTruth, RotorTruth
-from tests.campaigns import sentences
-from tests.kept import sections_at
+from tests.lab import DATA, Cfid, sections_at, sentences
 from tests.motors.stand_in_a_folder import climbed, write_run, write_thesis_file
-from tests.places import DATA
-
-Cfid = Callable[..., subprocess.CompletedProcess[str]]
 
 STEPS = tuple(range(0, 64001, 4000))
 TRUTH = RotorTruth()

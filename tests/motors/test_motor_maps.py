@@ -22,7 +22,7 @@ from cfid.motors.maps.estimation import (
 from cfid.motors.maps.scales import scales_thrust_n, verify_thrust
 from cfid.motors.points import Points, command_means, frame, joined, motor_table, rotor_speed_rad_s
 from cfid.recordings.stand import StandTable, read_stand, stand_of
-from tests.places import DATA
+from tests.lab import DATA
 
 Array = npt.NDArray[np.float64]
 

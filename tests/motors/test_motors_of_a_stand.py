@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.campaigns import Cfid
+from tests.lab import Cfid
 
 COMMANDS = np.arange(5000, 65001, 2500)
 THRUST_N = 2.2e-11 * COMMANDS**2 + 6e-7 * COMMANDS  # of one motor; 0.132 N at 65000

@@ -1,7 +1,6 @@
 """An interrupted run of scales and the runs that complete it count as one run, in verdict and fit."""
 
-import subprocess
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -17,10 +16,9 @@ from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import new_rig_text
 from cfid.records.run import DeviceRecord, Label, Run, Verdict, amend_run, read_run, write_header
 from cfid.records.run_writer import create_run
+from tests.lab import Cfid
 from tests.motors.stand_in_a_folder import BEGIN_S
 from tests.motors.test_motor_fits import found, true_thrust_n
-
-Cfid = Callable[..., subprocess.CompletedProcess[str]]
 
 COMMANDS = tuple(range(0, 40001, 10000))
 

@@ -13,9 +13,8 @@ import pytest
 from cfid.errors import ConfigError, DataError, FitError
 from cfid.motors.rotor import fit
 from cfid.records.result import Result
-from tests.campaigns import Cfid
+from tests.lab import DATA, INPUTS, Cfid
 from tests.motors.rotor_plant import FULL, Plant, delay_off, rates_off, write_log, write_stand
-from tests.places import DATA, INPUTS
 
 Array = npt.NDArray[np.float64]
 

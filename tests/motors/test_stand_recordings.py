@@ -19,7 +19,7 @@ from cfid.motors.rotor import fit as fit_dynamics
 from cfid.recordings.stand import read_stand, stand_of
 from cfid.records.result import Result
 from cfid.records.run import read_run
-from tests.campaigns import Cfid
+from tests.lab import Cfid
 
 Array = npt.NDArray[np.float64]
 

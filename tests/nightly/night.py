@@ -26,8 +26,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from tests.lab import ROOT
 from tests.nightly.readers import READERS
-from tests.places import ROOT
 
 LONGEST = ("test_memory_of_logs.py", "test_flight_fits.py", "test_demo.py")  # 40 minutes and more: started first
 ENDED = "exit code"

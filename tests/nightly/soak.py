@@ -27,7 +27,7 @@ from cfid.rig.run import Plan, record_run
 from cfid.rig.sim_file import SIM_FILE
 from cfid.sim.devices import SimulatedRig
 from cfid.sim.virtual import Virtual
-from tests.known import known
+from tests.lab import known
 from tests.priority import ahead_of_others
 
 CFID = (sys.executable, "-m", "cfid.cli.main")

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from tests.lab import ROOT
 from tests.nightly import night
 from tests.nightly.fuzz import attack
 from tests.nightly.night import Stage, figures, lines_of, run_stage
 from tests.nightly.readers import READERS, Reader
-from tests.places import ROOT
 
 OUTPUT = """
 cfid fit inertia, six swings              1.130 s (median of 9)

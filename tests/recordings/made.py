@@ -1,8 +1,7 @@
 """Angles and logs of a vehicle made of arrays, and the rows of a log's only series as one array."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +11,9 @@ import numpy.typing as npt
 from cfid.recordings.angle import AngleRecord
 from cfid.recordings.recording import Column, Facts, Recording, Series
 from cfid.records.parameters import Source
-from cfid.records.run import DeviceRecord, Label, Run
-from cfid.records.run_writer import create_run
+from cfid.records.run import Label
 
 Array = npt.NDArray[np.float64]
-
-NO_LABEL = Label()
 
 
 def made_angle(time_s: Array, angle_rad: Array, *, name: str = "one", **more: Any) -> AngleRecord:
@@ -25,33 +21,6 @@ def made_angle(time_s: Array, angle_rad: Array, *, name: str = "one", **more: An
     path = Path(f"{name}.csv")
     fields = {"path": path, "source": Source(path.name, "0" * 64), "label": Label(), **more}
     return AngleRecord(time_s=time_s, angle_rad=angle_rad, **fields)
-
-
-def made_run(
-    folder: Path,
-    kind: str,
-    devices: Mapping[str, Mapping[str, npt.NDArray[Any]]],
-    *,
-    label: Label = NO_LABEL,
-    started: datetime = datetime(2026, 11, 21, 8, tzinfo=UTC),
-    scales: Mapping[str, Mapping[str, float]] = {},
-    **more: Any,
-) -> Run:
-    """Write a complete run into a folder's runs; each device has its columns (n,) by their names.
-
-    `scales` are what devices state besides; `more` are other arguments of `create_run`.
-    """
-    records = {
-        name: DeviceRecord(file=f"{name}.csv", columns=tuple(columns), **scales.get(name, {}))
-        for name, columns in devices.items()
-    }
-    with create_run(
-        folder / "runs", kind=kind, label=label, devices=records, started=started, cfid_version="0", **more
-    ) as writer:
-        for name, columns in devices.items():
-            if len(next(iter(columns.values()))):
-                writer.append(name, tuple(columns.values()))
-        return writer.close("complete")
 
 
 def made_series(name: str, time_s: Array, columns: Sequence[tuple[str, str]], values: Sequence[Array]) -> Series:

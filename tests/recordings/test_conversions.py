@@ -16,7 +16,7 @@ from cfid.recordings.convert import Format, convert
 from cfid.recordings.read import read_recording
 from cfid.records.run import DeviceRecord, Label
 from cfid.records.run_writer import create_run
-from tests.campaigns import Cfid
+from tests.lab import Cfid
 from tests.logs.usd_bytes import FIXED, POSE, bytes_of, rows, single, written
 
 Columns = dict[str, npt.NDArray[np.float64]]

@@ -17,7 +17,7 @@ from cfid.recordings.read import read_recording
 from cfid.recordings.recording import How
 from cfid.recordings.wrench import wrench_of
 from cfid.records.run import Run, read_run
-from tests.campaigns import Cfid
+from tests.lab import Cfid
 from tests.logs.usd_bytes import FIXED, Event, Record, bytes_of, rows, written
 
 TIME_S = np.arange(3000) / 500

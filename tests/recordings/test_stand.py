@@ -13,7 +13,7 @@ from cfid.recordings.read import read_recording
 from cfid.recordings.recording import How, Series
 from cfid.recordings.stand import StandTable, canonical_stand, read_stand, stand_of
 from cfid.units import RPM
-from tests.places import DATA
+from tests.lab import DATA
 
 OLD = DATA / "bitcraze_2015" / "cf20_pwm_thrust_2015.csv"
 RAMP = DATA / "bitcraze_2021" / "cf2.1-stock-prop.csv"

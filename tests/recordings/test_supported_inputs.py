@@ -15,8 +15,7 @@ import pytest
 
 from cfid.errors import CfidError
 from cfid.recordings.read import read_recording
-from tests.campaigns import in_this_process
-from tests.places import DATA, INPUTS
+from tests.lab import DATA, INPUTS, run_cfid
 
 GRAVITY = 9.81
 THREADS = """
@@ -259,13 +258,13 @@ def ended(one: Input, folder: Path) -> tuple[int, float, str]:
     campaign = folder / "campaign"
     (campaign / "runs").mkdir(parents=True)
     (campaign / "rig.toml").write_text(THREADS)
-    made = in_this_process(["import", str(one.file), *one.words.split()], campaign)
+    made = run_cfid(["import", str(one.file), *one.words.split()], campaign)
     if made.returncode:
         return made.returncode, np.nan, made.stderr.strip().splitlines()[-1]
     (run,) = (campaign / "runs").iterdir()
     if one.number is not None:
         return 0, one.number(run), made.stdout.splitlines()[0]
-    fitted = in_this_process([*one.command.split(), str(run), "--json", "--no-figures"], folder)
+    fitted = run_cfid([*one.command.split(), str(run), "--json", "--no-figures"], folder)
     if fitted.returncode:
         return fitted.returncode, np.nan, fitted.stderr.strip().splitlines()[-1]
     key, _, place = one.key.partition(":")

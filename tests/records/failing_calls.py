@@ -30,7 +30,7 @@ from cfid.records.result import Result
 from cfid.records.run import DeviceRecord, Label, Run, amend_run, list_runs, read_run
 from cfid.records.run_writer import create_run
 from cfid.report.formats.sealed import MARK, write_report
-from tests.kept import keep, sections_at
+from tests.lab import keep, sections_at
 
 NOON = datetime(2026, 11, 21, 12, tzinfo=UTC)
 Job = Callable[[Campaign], None]

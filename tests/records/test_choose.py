@@ -13,7 +13,7 @@ from cfid.records.campaign import open_campaign
 from cfid.records.choose import choose, lasts
 from cfid.records.run import DeviceRecord, Label, Run, State, Verdict, amend_run, list_runs, read_run
 from cfid.records.run_writer import create_run
-from tests.campaigns import Cfid
+from tests.lab import Cfid
 
 BEGAN = datetime(2026, 11, 21, 8, tzinfo=UTC)
 DEVICES = {"encoder": DeviceRecord(file="encoder.csv", columns=("t", "phi"), counts_per_turn=8192.0)}

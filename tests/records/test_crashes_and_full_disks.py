@@ -29,7 +29,7 @@ from cfid.records.parameters import Parameter, Section, Source
 from cfid.records.run import DeviceRecord, Label
 from cfid.records.run_writer import create_run
 from cfid.wire.rls import encode_positions
-from tests.kept import keep
+from tests.lab import keep
 
 place = Path(sys.argv[1])
 

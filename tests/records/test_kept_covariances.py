@@ -11,7 +11,7 @@ from cfid.errors import DataError
 from cfid.records.covariances import Covariance, covariance_between, names_of, numbers_of, shaped_as
 from cfid.records.fits import Fit, list_fits
 from cfid.records.parameters import Parameter, Section
-from tests.kept import keep
+from tests.lab import keep
 
 MATRIX = [[1.0, 4.0, 5.0], [4.0, 2.0, 6.0], [5.0, 6.0, 3.0]]
 WHOLE = Section(

@@ -12,7 +12,7 @@ from cfid.records.lab_book import entries, lines, summary
 from cfid.records.rig_file import LabBook, RigFacts, load_rig
 from cfid.records.run import DeviceRecord, Label, Run, read_run
 from cfid.records.run_writer import create_run
-from tests.campaigns import Cfid
+from tests.lab import Cfid
 
 BOOK = LabBook(operator="Kim", battery="B3", temperature_c=22.5)
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cfid.records.files import RUN_FILE
-from tests.campaigns import Cfid
+from tests.lab import Cfid
 from tests.motors.stand_in_a_folder import climbed, write_run
 
 STEPS = tuple(range(0, 60001, 10000))

@@ -13,7 +13,7 @@ from cfid.errors import ConfigError
 from cfid.records.campaign import find_campaign
 from cfid.records.rig_file import Mount, VehicleData, load_rig, new_rig_text, thesis_rig
 from cfid.units import MM
-from tests.campaigns import Cfid
+from tests.lab import Cfid
 
 # The distances that the thesis' appendix C.1.7 calculates, to the micrometre.
 DISTANCES_MM = {"x": 22.855, "y": 22.855, "z": 38.163, "xy": 33.784, "xz": 28.267, "yz": 28.267}

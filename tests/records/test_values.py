@@ -17,7 +17,7 @@ from cfid.records.parameters_file import is_as_written, text_of
 from cfid.records.rig_file import new_rig_text, thesis_rig
 from cfid.records.stale import stale_in
 from cfid.records.values import Values, judging_weights, part_of
-from tests.kept import keep, values_of
+from tests.lab import keep, values_of
 
 MOST, HELD, POLY, CUBIC = (
     "motor.max_thrust_n", "motor.hover_mass_kg", "motor.thrust_poly", "motor.thrust_voltage_poly",

@@ -1,16 +1,13 @@
 """`cfid report` makes one file from a campaign in the requested format, and replaces only files that cfid made."""
 
 import json
-import subprocess
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from cfid.records.campaign import open_campaign
+from tests.lab import Cfid
 from tests.report.fits_by_hand import new_campaign, put_appendix_a
-
-Cfid = Callable[..., subprocess.CompletedProcess[str]]
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from cfid.records.parameters import Parameter, Section
 from cfid.records.rig_file import load_rig
 from cfid.report.agreement import Agreement
 from cfid.report.formats.render import rendered
-from tests.kept import keep
+from tests.lab import keep
 from tests.report.fits_by_hand import new_campaign, put, report_of
 
 SLOPE = 2 * 2.13e-11 * 30000 + 1.0326e-6  # N per command, at the middle of the sines

@@ -16,7 +16,7 @@ from cfid.records.parameters import Source
 from cfid.records.run import DeviceRecord, Label, amend_run
 from cfid.records.run_writer import RunWriter, create_run
 from cfid.report.formats.html import LARGEST_SVG_BYTES, as_html
-from tests.kept import keep_instead
+from tests.lab import keep_instead
 from tests.report.fits_by_hand import APPENDIX_A, NOON, new_campaign, number, put, report_of
 
 

@@ -11,7 +11,7 @@ from cfid.report.formats.grids import origin_text, row_grid
 from cfid.report.formats.html import as_html
 from cfid.report.formats.markdown import as_markdown
 from cfid.report.sheet import SheetEntry
-from tests.kept import keep
+from tests.lab import keep
 from tests.report.fits_by_hand import APPENDIX_A, new_campaign, number, put, put_appendix_a, report_of
 
 

@@ -16,7 +16,7 @@ from cfid.records.covariances import covariance_between
 from cfid.records.parameters import Parameter, Section, Source
 from cfid.report.experiments import Experiment
 from cfid.report.summary import FirstScreen, summary_of
-from tests.kept import values_of
+from tests.lab import values_of
 
 NOW = datetime(2026, 1, 1, tzinfo=UTC)
 EXPERIMENT = Experiment(

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from tests.places import ROOT
+from tests.lab import ROOT
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "sched_setscheduler"), reason="real-time scheduling of Linux")
 

@@ -15,7 +15,7 @@ from cfid.records.run import DeviceRecord, Run
 from cfid.rig.hardware import Hardware
 from cfid.rig.instrument import Block, Instrument
 from cfid.rig.progress import Progress
-from tests.known import known
+from tests.lab import known
 from tests.virtual_lab import UNIX_S, Lab, recorded
 
 

@@ -12,7 +12,7 @@ import pytest
 
 from cfid.errors import DeviceError
 from cfid.rig.loop import Ending, Loop, run_until_done
-from tests.places import ROOT
+from tests.lab import ROOT
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of Unix")
 

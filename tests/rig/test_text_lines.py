@@ -21,7 +21,7 @@ from cfid.records.run import Facts, facts_of, gaps
 from cfid.rig.check import check_lines
 from cfid.rig.lock import DeviceLock
 from cfid.rig.text_lines import ready_lines
-from tests.known import known
+from tests.lab import known
 from tests.virtual_lab import Board, Lab, Recorded, held_elsewhere, lab_in, recorded
 
 CELL = LoadCellLines(

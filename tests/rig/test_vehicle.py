@@ -32,7 +32,7 @@ from cfid.sim.propulsion import RotorTruth
 from cfid.wire.app import AppPorts, SineChannel, SineRequest, omega_of
 from cfid.wire.crtp import LOG_CONTROL_CHANNEL, LOG_PORT, LogCommand, Packet
 from tests.flying_in_a_folder import bench_in as served_in
-from tests.known import known
+from tests.lab import known
 from tests.rig.flying import Flight, Procedure, facts, flight_in, rows
 from tests.virtual_bench import UNIX_S, Bench, bench_in
 

@@ -15,7 +15,7 @@ import pytest
 
 from cfid.rig.loop import Loop
 from cfid.rig.ports import StampedPort
-from tests.places import ROOT
+from tests.lab import ROOT
 from tests.rig_in_a_folder import lab_in as served_lab_in
 from tests.virtual_lab import LOADCELL_HZ, lab_in
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import pytest
 
 from cfid.sim.app_core import load_core
-from tests.places import DATA
+from tests.lab import DATA
 from tests.sim import protocol_1
 from tests.sim.replay import ROW, Change, Trace, replay
 

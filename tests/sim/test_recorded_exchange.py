@@ -13,7 +13,7 @@ import pytest
 from cfid.sim.crazyflie import CrazyflieTruth
 from cfid.sim.crazyflie_services import parameters
 from cfid.wire.crtp import decode_packet
-from tests.places import DATA
+from tests.lab import DATA
 from tests.sim.vehicle import CLIENT, OPENED_S, Bench
 
 RECORDED = DATA / "crtp" / "real_firmware_transcript.jsonl"

@@ -21,7 +21,7 @@ from cfid.sim.virtual import Virtual
 from cfid.wire.e201 import PositionReader
 from cfid.wire.rdt import Command, Request, decode_records, encode_request
 from cfid.wire.rls import decode_words
-from tests.campaigns import in_this_process
+from tests.lab import run_cfid
 
 InReactor = Callable[[Callable[[], Any]], Any]
 
@@ -138,8 +138,8 @@ def test_a_wrong_truth_names_file_and_key(tmp_path: Path, text: str | None, expe
 def test_a_rig_with_the_modules_of_2015_is_refused_with_what_to_write_instead(tmp_path: Path, firmware: str) -> None:
     """Version 0.2 simulated them behind a protocol that no firmware with these modules has ever spoken."""
     (tmp_path / "truth.toml").write_text(f"[crazyflie]\nfirmware = '{firmware}'\n")
-    assert in_this_process(["new", "."], tmp_path).returncode == 0
-    ended = in_this_process(["rig", "sim", "--truth", "truth.toml"], tmp_path)
+    assert run_cfid(["new", "."], tmp_path).returncode == 0
+    ended = run_cfid(["rig", "sim", "--truth", "truth.toml"], tmp_path)
 
     assert ended.returncode == 2
     assert "crazyflie.firmware" in ended.stderr

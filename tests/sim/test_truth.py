@@ -15,11 +15,11 @@ from cfid.sim.plants import DroppingWeight, HandRelease, Pendulum, drop, swing
 from cfid.sim.propulsion import Battery, SimulatedRotors
 from cfid.sim.swing import Truth, pendulum
 from cfid.sim.truth import IMPERFECTIONS, Imperfection, SimTruth, draw, draw_vehicle, imperfection
+from tests.lab import ROOT
 from tests.offline.encoder import EncoderModel, record, record_swings
 from tests.offline.motors import ping_run, shown_rpm
 from tests.offline.stand import simulate_stand
 from tests.offline.wind import wind_run
-from tests.places import ROOT
 
 Array = npt.NDArray[np.float64]
 Seen = Callable[[SimTruth], float]

@@ -14,7 +14,8 @@ from cfid.records.rig_file import load_rig
 from cfid.sim.plants import Pendulum
 from cfid.sim.swing import draw_truth, pendulum
 from cfid.sim.truth import INERTIA_KG_M2
-from tests.campaigns import RECORDINGS_SEED, Cfid
+from tests.campaigns import RECORDINGS_SEED
+from tests.lab import Cfid
 
 AXES = ("x", "y", "z", "xy", "xz", "yz")
 C_1_4 = {

@@ -9,7 +9,7 @@ from cfid.recordings.recording import How
 from cfid.swing.estimation import fit_swing
 from cfid.swing.thesis import fit_damped_cosine
 from cfid.swing.window import FreeSwing, find_swing
-from tests.places import DATA
+from tests.lab import DATA
 
 SOUND = DATA / "multiarm_pendulum" / "single_free_swing.csv"
 BAD = DATA / "rotary_inverted_pendulum" / "pendulum_free_swing_data_01.txt"

@@ -18,7 +18,8 @@ from cfid.swing.estimation import SwingFit, fit_swing
 from cfid.swing.window import find_swing
 from cfid.units import CRYSTAL_STD
 from tests.coverage_rows import Row
-from tests.recordings.made import made_angle, made_run
+from tests.lab import made_run
+from tests.recordings.made import made_angle
 from tests.swing.swung import FINE_STEP_S, encoded, swung
 
 Array = npt.NDArray[np.float64]
@@ -122,7 +123,7 @@ def test_a_swing_recorded_by_a_busy_computer_is_timed_by_the_encoders_own_clock(
             tmp_path,
             "swing",
             {"encoder": {name: column[kept] for name, column in rows.items()}},
-            scales={"encoder": {"counts_per_turn": 8192.0}},
+            facts_of={"encoder": {"counts_per_turn": 8192.0}},
         )
         in_table = made_angle(arrival_s[kept] - arrival_s[0], read[kept])
         by_device, by_arrival = (cfid.swing.fit(source).quantities[KEY] for source in (run, in_table))

@@ -21,7 +21,7 @@ from cfid.sim.plants import HandRelease, Pendulum, swing
 from cfid.swing.body import KnownInertia
 from cfid.swing.pendulum import NO_THREADS, Threads
 from cfid.swing.periods import period_ratio, timed_frequency
-from tests.recordings.made import made_run
+from tests.lab import made_run
 
 Array = npt.NDArray[np.float64]
 

@@ -14,8 +14,8 @@ from cfid.cli.main import main
 from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import LoadCellMount, RigFacts
 from cfid.records.run import Run
+from tests.lab import made_run
 from tests.offline.sine_bench import Bench, LinearTruth, SimulatedSine, simulate_sines
-from tests.recordings.made import made_run
 
 GAIN_N, LAG_S = 2.3828e-6, 0.0775  # near eq. 3.15
 TRUTH = LinearTruth(static_gain_n=GAIN_N, time_constant_s=LAG_S, vibration_n=0.02)
@@ -126,7 +126,7 @@ def write_run(folder: Path, run: SimulatedSine, *, series: str | None = None, fa
             "crossings": {"t": run.report_host_s, **{name: one.astype(np.int64) for name, one in crossings.items()}},
             "loadcell": {"t": run.time_s, **{name: one.astype(np.int64) for name, one in counts.items()}},
         },
-        scales={"loadcell": {"counts_per_n": 1e6, "counts_per_nm": 1e6}},
+        facts_of={"loadcell": {"counts_per_n": 1e6, "counts_per_nm": 1e6}},
         started=datetime.fromtimestamp(run.time_s[0], UTC),
         facts=facts,
         requested=requested if series is None else {**requested, "series": series},

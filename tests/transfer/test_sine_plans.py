@@ -9,7 +9,7 @@ from cfid.records.campaign import open_campaign
 from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import new_rig_text
 from cfid.transfer.plan import THESIS_FIRST, THESIS_SECOND, log_spaced
-from tests.campaigns import in_this_process
+from tests.lab import run_cfid
 from tests.virtual_bench import bench_in
 
 
@@ -46,7 +46,7 @@ def test_a_plan_states_its_duration_what_of_it_is_made_up_and_that_a_fit_leaves_
     tmp_path: Path, words: str, lasts: str, made_up: bool, left_out: bool
 ) -> None:
     (tmp_path / RIG_FILE).write_text(new_rig_text())
-    ended = in_this_process(["log", "sine", "--dry-run", *words.split()], tmp_path)
+    ended = run_cfid(["log", "sine", "--dry-run", *words.split()], tmp_path)
 
     assert ended.stdout.startswith(lasts)
     assert ("reconstructed" in ended.stderr, "cut-off" in ended.stderr) == (made_up, left_out)

@@ -12,8 +12,7 @@ import pytest
 from cfid.records.files import RIG_FILE
 from cfid.records.parameters import Parameter, Section
 from cfid.records.rig_file import LoadCellMount, RigFacts, new_rig_text
-from tests.campaigns import sentences
-from tests.kept import keep, sections_at
+from tests.lab import keep, sections_at, sentences
 from tests.offline.sine_bench import Bench, SimulatedSine
 from tests.transfer.sines_in_a_folder import (
     GAIN_N,

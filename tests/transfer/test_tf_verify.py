@@ -8,8 +8,7 @@ import pytest
 from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import new_rig_text
 from cfid.records.run import amend_run, read_run
-from tests.campaigns import sentences
-from tests.kept import sections_at
+from tests.lab import sections_at, sentences
 from tests.offline.sine_bench import SimulatedSine
 from tests.transfer.sines_in_a_folder import GAIN_N, LAG_S, Here, sines, write_index, write_run
 from tests.transfer.test_tf_faults import refused

@@ -19,7 +19,7 @@ from cfid.transfer.model import TransferFunction
 from cfid.transfer.record import verdict
 from cfid.transfer.result import fit
 from cfid.transfer.verification import verify_run
-from tests.few_axes import with_axes
+from tests.lab import with_axes
 from tests.offline.sine_bench import SimulatedSine
 from tests.transfer.sine_recordings import GAIN_N as PLANT_GAIN_N
 from tests.transfer.sine_recordings import LAG_S as PLANT_LAG_S

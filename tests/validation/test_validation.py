@@ -24,10 +24,8 @@ from cfid.records.parameters import Parameter, Section, Source
 from cfid.validation.predictions import HORIZONS, ParameterSet, errors, starts
 from cfid.validation.result import SetError, compared, validate
 from cfid.validation.sets import PUBLISHED, Measured, measured_file, measured_in, published_set, sets_of
-from tests.campaigns import Cfid
 from tests.flight.flying import GYRO_DELAY_S, LATE_STEPS, STEP, Fleet, fleet, fly
-from tests.kept import keep, values_of
-from tests.places import DATA
+from tests.lab import DATA, Cfid, keep, values_of
 from tests.recordings.made import only, with_rows
 from tests.recordings.made import table_of as rows_in
 from tests.report.fits_by_hand import new_campaign, put

@@ -6,7 +6,7 @@ import pytest
 
 from cfid.wire import crtp
 from cfid.wire.crtp import LogAnswer, Packet, Variable
-from tests.places import DATA
+from tests.lab import DATA
 
 RECORDED = DATA / "crtp"
 TRANSCRIPT = RECORDED / "real_firmware_transcript.jsonl"
