@@ -30,7 +30,7 @@ from cfid.units import MOTORS, USUAL_GRAVITY_MPS2
 Array = npt.NDArray[np.float64]
 
 LOOSE = 0.1  # of a value: the largest accepted standard uncertainty
-LEAST_LIFT_MPS2 = 1.0  # root mean square of the rotors' vertical effect; see docs/decisions/0022
+LEAST_LIFT_MPS2 = 1.0  # root mean square of the rotors' vertical effect; see decision 22
 LEAST_TURN_RAD_PER_S2 = 5.0  # root mean square; at 0.6 about yaw a public log gave 8e-5 kg m^2, others publish 3e-5
 # Of a value: the largest uncertainty, scaled to 20 s, that is accepted with less motion; flights that hover have 0.09
 # and more.

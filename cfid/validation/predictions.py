@@ -3,7 +3,7 @@
 Over a longer time, rates accumulate effects that no set contains, mainly of air, to which the autopilot responds:
 commands then counteract it, and moments that are too large have smaller errors than the true ones. One row ahead, given
 the errors before, what remains happened after the commands, and only the true set minimises it: by this condition, `fit
-flight` finds moments (docs/decisions/0022).
+flight` finds moments (decision 22).
 
 One integrator predicts segments. Each starts with the rates that the gyro showed; from there on, only commands count.
 Thrust of one rotor is a polynomial of its lagging drive; rates follow J dw/dt + w x J w = torques, by the midpoint rule

@@ -1,4 +1,4 @@
-"""Add all decisions, and the app's README outside docs, to the site; links in docs keep their form on disk."""
+"""Add the app's README outside docs to the site, and what the program says itself; links keep their form on disk."""
 
 from pathlib import Path
 
@@ -8,16 +8,6 @@ from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).parents[2]
 BESIDE = "firmware_patches/README.md"
-
-
-def on_config(config: MkDocsConfig) -> MkDocsConfig:
-    """List the decisions under their own headings."""
-    pages = sorted((ROOT / "docs" / "decisions").glob("*.md"))
-    config.nav = [
-        {"Decisions": [f"decisions/{page.name}" for page in pages]} if "Decisions" in entry else entry
-        for entry in config.nav or []
-    ]
-    return config
 
 
 def on_files(files: Files, /, *, config: MkDocsConfig) -> Files:
