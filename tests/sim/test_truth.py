@@ -299,15 +299,6 @@ def test_an_imperfection_shows_with_its_size_when_it_is_on_and_not_at_all_when_i
     assert SEEN[one.key](IDEAL) == pytest.approx(off, abs=0.05 * one.size)
 
 
-def test_the_page_of_imperfections_lists_each_with_its_distribution() -> None:
-    page = (ROOT / "docs/reference/imperfections.md").read_text(encoding="utf-8")
-    rows = [line for line in page.splitlines() if line.startswith("| `")]
-
-    assert rows == [
-        f"| `{one.key}` | {one.text} | {one.distribution} | {one.size:g} | {one.unit} |" for one in IMPERFECTIONS
-    ]
-
-
 def recorded(truth: SimTruth) -> list[bytes]:
     """A swing, a drop, a step on the load cell, readings and pings."""
     rng = np.random.default_rng(9)
