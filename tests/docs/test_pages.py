@@ -16,8 +16,7 @@ from cfid.errors import CfidError
 from cfid.quantities.registry import QUANTITIES
 from cfid.records.rig_file import LineDevice, Mount, Rig
 from cfid.sim.faults import CrazyflieFaults, EncoderFaults, LoadCellFaults
-from tests.campaigns import Cfid
-from tests.places import ROOT
+from tests.lab import ROOT, Cfid
 
 DOCS = ROOT / "docs"
 PAGES = sorted([ROOT / "README.md", *DOCS.rglob("*.md")])
@@ -98,7 +97,11 @@ def _as_toml(default: Any) -> str:
 
 def test_every_exit_code_and_every_simulated_fault_is_listed() -> None:
     text = page("reference/faults.md")
-    kinds = {"encoder": EncoderFaults, "loadcell": LoadCellFaults, "crazyflie": CrazyflieFaults}
+    kinds: dict[str, type[BaseModel]] = {
+        "encoder": EncoderFaults,
+        "loadcell": LoadCellFaults,
+        "crazyflie": CrazyflieFaults,
+    }
 
     codes = {kind.exit_code for kind in CfidError.__subclasses__()}
     assert set(map(int, re.findall(r"^\| (\d+) \|", text, re.MULTILINE))) == codes | {0, 1, 130}

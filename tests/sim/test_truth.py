@@ -15,7 +15,6 @@ from cfid.sim.plants import DroppingWeight, HandRelease, Pendulum, drop, swing
 from cfid.sim.propulsion import Battery, SimulatedRotors
 from cfid.sim.swing import Truth, pendulum
 from cfid.sim.truth import IMPERFECTIONS, Imperfection, SimTruth, draw, draw_vehicle, imperfection
-from tests.lab import ROOT
 from tests.offline.encoder import EncoderModel, record, record_swings
 from tests.offline.motors import ping_run, shown_rpm
 from tests.offline.stand import simulate_stand
