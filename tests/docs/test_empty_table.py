@@ -1,4 +1,4 @@
-"""The page from-an-empty-table.md: its rig.toml determines a matrix, and its commands find the simulated matrix."""
+"""The page swing.md on two threads: its rig.toml determines a matrix, and its commands find the simulated matrix."""
 
 import json
 import os
@@ -19,7 +19,7 @@ from cfid.sim.truth import INERTIA_KG_M2
 from tests.lab import ROOT
 from tests.processes import Forked, started
 
-PAGE = (ROOT / "docs" / "how-to" / "from-an-empty-table.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "how-to" / "swing.md").read_text(encoding="utf-8")
 MOUNTS = re.findall(r"^cfid log gyro --axis (\w+) --for 30$", PAGE, re.MULTILINE)
 LONGEST_S = 120.0
 
