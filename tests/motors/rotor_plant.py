@@ -12,7 +12,6 @@ import pandas as pd
 from cfid.records.result import Result
 
 Array = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 
 STEP_S = 2.5e-4
 FULL = 65535
@@ -45,23 +44,27 @@ class Plant:
         """Return times (n,), speeds (n, k) and volts (n,) of k rotors with commands (m, k), 0 to 1, from times (m,)."""
         time_s = np.arange(0.0, long_s, STEP_S)
         place = np.maximum(np.searchsorted(change_s + self.delay_s, time_s, side="right") - 1, 0)
-        unit = np.where(commands > 0, self.steady(commands), 0.0)
-        speed, now = np.empty((len(time_s), unit.shape[1])), unit[0].copy()
-        starts: Mask = now == 0
-        volts = np.empty(len(time_s))
-        for row, at in enumerate(place):
+        levels = np.where(commands > 0, self.steady(commands), 0.0).tolist()
+        speed, volts = np.empty((len(time_s), len(levels[0]))), np.empty(len(time_s))
+        now: list[float] = levels[0]
+        starts = [w == 0 for w in now]
+        for row, at in enumerate(place.tolist()):  # in floats, since NumPy takes ten times as long for a few numbers
             speed[row] = now
-            volts[row] = 4.0 - self.empties_v * row / len(time_s) - self.sag_v * float(np.mean((now / 2000) ** 2))
-            to = unit[at] * (volts[row] / 4.0) ** self.power
-            starts = np.asarray((to == 0) | (starts & (now < 0.97 * to)))
-
-            def slope(w: Array, to: Array = to, starts: Mask = starts) -> Array:
-                k1, k2 = (np.where(to > w, up, down) for up, down in zip(self.rising, self.falling, strict=True))
-                return np.asarray((to - w) * (k1 + k2 * (to + w)) / np.where(starts & (to > w), self.start, 1.0))
-
-            first = slope(now)
-            now = now + STEP_S * slope(now + STEP_S / 2 * first)
+            sag_v = self.sag_v * sum((w / 2000) ** 2 for w in now) / len(now)
+            volts[row] = 4.0 - self.empties_v * row / len(time_s) - sag_v
+            goals = [level * (volts[row] / 4.0) ** self.power for level in levels[at]]
+            starts = [to == 0 or (start and w < 0.97 * to) for to, start, w in zip(goals, starts, now, strict=True)]
+            now = [self._after_step(w, to, start) for w, to, start in zip(now, goals, starts, strict=True)]
         return time_s, speed, volts
+
+    def _after_step(self, w: float, to: float, starts: bool) -> float:
+        """Return a speed after a step of the midpoint rule towards `to`."""
+
+        def slope(w: float) -> float:
+            k1, k2 = self.rising if to > w else self.falling
+            return (to - w) * (k1 + k2 * (to + w)) / (self.start if starts and to > w else 1.0)
+
+        return w + STEP_S * slope(w + STEP_S / 2 * slope(w))
 
 
 def held(change_s: Array, commands: Array, time_s: Array) -> Array:
@@ -86,7 +89,7 @@ def write_log(
     seed: int,
     *,
     rotors: int = 1,
-    long_s: float = 15.0,
+    long_s: float = 10.0,
     row_s: float = 0.002,
     hold_s: tuple[float, float] = (0.15, 0.6),
     noise: float = 3.0,

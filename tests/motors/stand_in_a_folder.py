@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from cfid.findings import texts
 from cfid.records.rig_file import NONE_STATED, RigFacts
 from cfid.records.run import DeviceRecord, Label, Run
 from cfid.records.run_writer import create_run
@@ -93,3 +94,8 @@ def write_thesis_file(path: Path, record: StandRecord) -> Path:
     ]
     path.write_text("\n".join(["t,Fx_counts,Fy,Fz,Tx,Ty,Tz", *rows]) + "\n")
     return path
+
+
+def rejections(result: Any) -> tuple[str, ...]:
+    """Return the sentences of the findings that reject."""
+    return texts(result.findings, "rejection")

@@ -117,7 +117,6 @@ def correlations(covariance: Array) -> Array:
     ("staircase", "count"),
     [
         pytest.param(stated, STAIRCASES, marks=pytest.mark.slow),
-        pytest.param(unstated, 150, marks=pytest.mark.slow),
         pytest.param(unstated, STAIRCASES, marks=pytest.mark.slow),
         pytest.param(gusty, STAIRCASES, marks=pytest.mark.slow),
         (all_but_square, 150),

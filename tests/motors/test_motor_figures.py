@@ -1,6 +1,5 @@
 """Figures of motors: staircases with windows and reasons, maps with bands, the battery, spectral lines of rotors."""
 
-import dataclasses
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 
-from cfid.estimate.staircase import Point, Staircase, reduce_staircase
+from cfid.estimate.staircase import Staircase, reduce_staircase
 from cfid.motors.maps.data import Reduced
 from cfid.motors.maps.estimation import compare_thrust, fit_map, fit_thrust_of_speed
 from cfid.motors.maps.figures import (
@@ -22,13 +21,13 @@ from cfid.motors.maps.figures import (
     voltage_figure,
 )
 from cfid.motors.maps.scales import verify_thrust
-from cfid.motors.panels import binned, scientific
+from cfid.motors.panels import scientific
 from cfid.motors.points import Points, frame
 from cfid.motors.vibration.figures import rotor_figure
 from cfid.recordings.wrench import WrenchRecord
 from cfid.records.parameters import Source
 from cfid.records.run import Label
-from tests.motors.sentences import rejections
+from tests.motors.stand_in_a_folder import rejections
 
 Look = Callable[[Figure], Any]
 Array = npt.NDArray[np.float64]
@@ -73,15 +72,6 @@ def ramped() -> tuple[Array, Array, Staircase]:
     return time, fz, found
 
 
-def _nameless(step: Point) -> Point:
-    return dataclasses.replace(step, command=None, motors=())
-
-
-def _without_mean(step: Point, reason: str) -> Point:
-    nothing = np.full_like(step.mean, np.nan)
-    return dataclasses.replace(step, mean=nothing, std_of_mean=nothing, reason=reason)
-
-
 def _windows(axes: Axes, label: str) -> list[tuple[float, float]]:
     spans = [each for each in axes.collections if isinstance(each, PolyCollection) and each.get_label() == label]
     corners = [path.vertices for span in spans for path in span.get_paths()]
@@ -122,20 +112,6 @@ def test_windows_and_means_of_settled_steps_are_the_points(look: Look, steady: t
     assert page.overlapping() == []
 
 
-def test_means_stand_over_commands_with_their_deviations(look: Look, steady: tuple[Array, Array, Staircase]) -> None:
-    time, fz, found = steady
-    page = look(staircase_figure(Reduced("a", time, fz, found)))
-    (container,) = page.panel("(b)").containers
-    x, y = container.lines[0].get_data()
-    assert x == pytest.approx(COMMANDS)
-    assert y == pytest.approx([step.mean[2] for step in found.points])
-    (bars,) = container.lines[2]
-    tops = [segment[1, 1] for segment in bars.get_segments()]
-    assert tops == pytest.approx([step.mean[2] + step.std_of_mean[2] for step in found.points])
-    deviations = page.panel("(c)").get_lines()[0].get_ydata()
-    assert deviations == pytest.approx([1e3 * step.std_of_mean[2] for step in found.points])
-
-
 def test_a_step_that_never_settled_is_marked_and_says_why(look: Look, ramped: tuple[Array, Array, Staircase]) -> None:
     time, fz, found = ramped
     page = look(staircase_figure(Reduced("a", time, fz, found)))
@@ -161,27 +137,6 @@ def test_the_band_holds_every_sample_and_a_spike_does_not_flatten_the_rest(
     assert (corners[:, 1].min(), corners[:, 1].max()) == (-40.0, wild.max())
     bottom, top = thrust.get_ylim()
     assert TARE_N - 0.25 < bottom < TARE_N < TARE_N + 0.2 < top < TARE_N + 0.5
-
-
-def test_means_over_50_ms_are_drawn_and_a_wild_sample_moves_none() -> None:
-    time = np.arange(1000) / 1000
-    value = 1.0 + 0.1 * np.sin(2 * np.pi * 200 * time)
-    found = binned(time, value, length_s=0.05)
-    assert len(found.mean) == 20
-    value[510] = 60.0
-    assert binned(time, value, length_s=0.05).mean == pytest.approx(found.mean, abs=5e-3)
-    assert found.mean == pytest.approx(1.0, abs=5e-3)
-
-
-def test_three_million_samples_become_few_vertices(look: Look, steady: tuple[Array, Array, Staircase]) -> None:
-    _, _, found = steady
-    time = np.linspace(0.0, 22.0, 3_000_000)
-    fz = TARE_N + 0.1 * np.random.default_rng(1).standard_normal(len(time))
-    thrust = look(staircase_figure(Reduced("a", time, fz, found))).panel("(a)")
-    vertices = sum(len(line.get_xdata()) for line in thrust.get_lines())
-    vertices += sum(len(path.vertices) for each in thrust.collections for path in each.get_paths())
-    assert vertices < 12_000
-    assert _band(thrust, "range")[:, 1].max() == fz.max()
 
 
 # Maps
@@ -220,35 +175,6 @@ def test_a_maps_points_curve_and_residuals_are_its_own(look: Look) -> None:
     assert page.overlapping() == []
 
 
-def test_bands_are_those_of_the_curve_and_of_a_further_point(look: Look) -> None:
-    mapped = fit_map("thrust", _points())
-    page = look(map_figure(mapped))
-    for name, half in (("curve", mapped.fit.confidence), ("point", mapped.fit.prediction)):
-        corners = _band(page.panel("(b)"), name)
-        at = np.unique(corners[:, 0])
-        widest = [np.abs(corners[corners[:, 0] == x, 1]).max() for x in at]
-        assert widest == pytest.approx(half(at))
-
-
-def test_axes_have_units_and_the_torque_is_in_millinewton_metres(look: Look) -> None:
-    thrust, speed, torque = (
-        look(map_figure(fit_map(quantity, _points()))) for quantity in ("thrust", "speed", "torque")
-    )  # fmt: skip
-    assert [page.panel("(a)").get_ylabel() for page in (thrust, speed, torque)] == [
-        "thrust (N)",
-        "speed (rad/s)",
-        "torque (mN m)",
-    ]
-    assert [page.panel("(b)").get_xlabel() for page in (thrust, speed, torque)] == [
-        "command (0 to 65535)",
-        "command (0 to 65535)",
-        "thrust (N)",
-    ]
-    mapped = fit_map("torque", _points())
-    assert _line(torque.panel("(a)"), "points ± standard uncertainty")[1] == pytest.approx(1e3 * mapped.y)
-    assert all(page.overlapping() == [] for page in (thrust, speed, torque))
-
-
 def test_a_second_instrument_is_a_set_of_its_own(look: Look) -> None:
     mapped = fit_map("thrust", _points())
     command = np.array([0.0, 16000.0, 32000.0, 64000.0])
@@ -258,16 +184,6 @@ def test_a_second_instrument_is_a_set_of_its_own(look: Look) -> None:
     assert np.array(_line(page.panel("(b)"), "verification")) == pytest.approx(np.array([command, seen.difference_n]))
     assert "0.001 N" in _written(page)
     assert page.overlapping() == []
-
-
-def test_commands_left_out_are_marked_at_the_foot(look: Look) -> None:
-    mapped = fit_map("thrust", _points(), method="thesis")
-    assert mapped.left_out == ()
-    assert "left out" not in [line.get_label() for line in look(map_figure(mapped)).panel("(a)").get_lines()]
-    mapped = fit_map("thrust", _points())
-    x, y = _line(look(map_figure(mapped)).panel("(a)"), "left out")
-    assert x.tolist() == list(mapped.left_out) == [0.0]
-    assert y == pytest.approx(0.05)
 
 
 def test_a_point_that_counts_little_is_hollow(look: Look) -> None:
@@ -320,14 +236,6 @@ def test_thrust_over_speed_has_both_forms_and_what_they_leave(look: Look) -> Non
     drawn = [np.ptp(np.asarray(bar)[:, 1]) / 2 for one in bars for bar in one.get_segments()]
     assert drawn == pytest.approx([*found.square.point_std, *found.quadratic.point_std])
     assert "N s²" in _written(page)
-    assert page.overlapping() == []
-
-
-def test_doubts_of_thrust_over_speed_are_red(look: Look) -> None:
-    points = _points(wild=(32000,))
-    found = fit_thrust_of_speed(points.assign(thrust_n=np.where(points["thrust_n"] > 0.05, 0.1, points["thrust_n"])))
-    page = look(speed_thrust_figure(found))
-    assert page.red().count("Rejected:") == len(rejections(found)) > 0
     assert page.overlapping() == []
 
 

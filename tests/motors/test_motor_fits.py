@@ -1,25 +1,17 @@
 """`cfid fit thrust`, `speed` and `torque` turn runs, files and tables into maps and findings."""
 
 import json
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from cfid.console.inputs import open_workplace
-from cfid.console.options import RigOptions
-from cfid.errors import ConfigError
 from cfid.estimate.voltage_cubic import cubic_fault
 from cfid.motors import maps
-from cfid.motors.maps.data import Stand, read_evidence
-from cfid.records.files import RIG_FILE
-from cfid.records.rig_file import LoadCellMount, RigFacts, Tachometer, new_rig_text
-from cfid.records.run import DeviceRecord, Label
-from cfid.records.run_writer import create_run
+from cfid.records.rig_file import LoadCellMount, RigFacts, Tachometer
 from cfid.sim.propulsion import BatteryTruth, RotorTruth
-from tests.lab import DATA, Cfid, sections_at, sentences
+from tests.lab import DATA, Cfid, codes, made_run, new_campaign, sections_at, sentences
 from tests.motors.stand_in_a_folder import climbed, write_run, write_thesis_file
 
 STEPS = tuple(range(0, 64001, 4000))
@@ -35,19 +27,18 @@ def true_thrust_n(command: Any) -> Any:
 
 @pytest.fixture
 def campaign(tmp_path: Path) -> Path:
-    (tmp_path / RIG_FILE).write_text(new_rig_text())
-    return tmp_path
+    return new_campaign(tmp_path).folder
 
 
 @pytest.fixture(scope="module")
 def staircase(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A campaign's run of a complete staircase, for fits that do not change it."""
     folder = tmp_path_factory.mktemp("staircase")
-    (folder / RIG_FILE).write_text(new_rig_text())
+    new_campaign(folder)
     return write_run(folder, climbed(STEPS), steps=STEPS).folder
 
 
-def found(cfid: Cfid, *words: object, code: int = 0) -> dict[str, Any]:
+def content_of(cfid: Cfid, *words: object, code: int = 0) -> dict[str, Any]:
     said = cfid(*map(str, words), "--json")
     assert said.returncode == code, said.stderr
     content: dict[str, Any] = json.loads(said.stdout)
@@ -56,7 +47,7 @@ def found(cfid: Cfid, *words: object, code: int = 0) -> dict[str, Any]:
 
 def test_a_run_gives_the_thrust_map_its_inverse_and_what_hovers(cfid: Cfid, staircase: Path) -> None:
     campaign = staircase.parents[1]
-    content = found(cfid, "fit", "thrust", staircase, "--campaign", campaign)
+    content = content_of(cfid, "fit", "thrust", staircase, "--campaign", campaign)
     parameters = content["parameters"]
 
     poly = parameters["motor.thrust_poly"]["value"]
@@ -75,7 +66,7 @@ def test_a_run_gives_the_thrust_map_its_inverse_and_what_hovers(cfid: Cfid, stai
 
 
 def test_the_same_run_gives_the_torque_map(cfid: Cfid, staircase: Path) -> None:
-    content = found(cfid, "fit", "torque", staircase, "--campaign", staircase.parents[1])
+    content = content_of(cfid, "fit", "torque", staircase, "--campaign", staircase.parents[1])
     poly = content["parameters"]["motor.torque_poly"]
     assert poly["value"][0] == pytest.approx(TRUTH.torque_m, rel=0.01)
 
@@ -85,12 +76,12 @@ def test_files_of_the_thesis_kind_give_the_same_map(cfid: Cfid, tmp_path: Path) 
     for command in range(8000, 64001, 8000):
         path = write_thesis_file(tmp_path / f"{command}.csv", climbed([command], hold_s=4.0, seed=command))
         words.append(f"{command}={path}")
-    content = found(cfid, "fit", "thrust", *words, "--motors", 2)
+    content = content_of(cfid, "fit", "thrust", *words, "--motors", 2)
     poly = content["parameters"]["motor.thrust_poly"]["value"]
     for command in (16384, 32768, 60000):
         assert np.polyval(poly, command) == pytest.approx(true_thrust_n(command), rel=0.01)
 
-    thesis = found(cfid, "fit", "thrust", *words, "--motors", 2, "--method", "thesis", "--window", "2:4")
+    thesis = content_of(cfid, "fit", "thrust", *words, "--motors", 2, "--method", "thesis", "--window", "2:4")
     poly = thesis["parameters"]["motor.thrust_poly"]["value"]
     assert np.polyval(poly, 40000) == pytest.approx(true_thrust_n(40000), rel=0.06)  # biased by only 51 samples
 
@@ -99,7 +90,7 @@ def test_a_sagging_battery_is_told_apart_by_its_voltage(cfid: Cfid, campaign: Pa
     steps = (*STEPS[1:], *STEPS[-2:0:-1])
     battery = BatteryTruth(kind="lipo", charge=0.9)
     run = write_run(campaign, climbed(steps, motors=(1, 2, 3, 4), battery=battery), steps=steps)
-    content = found(cfid, "fit", "thrust", run.folder, "--campaign", campaign)
+    content = content_of(cfid, "fit", "thrust", run.folder, "--campaign", campaign)
 
     quality = content["quality"]
     assert quality["better_form"] == "voltage"
@@ -122,7 +113,7 @@ def test_a_voltage_cubic_that_no_firmware_could_invert_is_rejected_alone_and_the
     table = campaign / "folds.csv"
     table.write_text("cmd,thrust_n,vbat_v\n" + "".join(f"{c:.0f},{t:.6f},4.0\n" for c, t in rows))
     words = ("fit", "thrust", "--table", table, "--order", "4", "--campaign", campaign)
-    content = found(cfid, *words)
+    content = content_of(cfid, *words)
     cubic = "motor.thrust_voltage_poly"
     reason = next(
         one["text"] for one in content["findings"] if cubic in one["quantities"] and one["severity"] == "rejection"
@@ -136,7 +127,7 @@ def test_a_voltage_cubic_that_no_firmware_could_invert_is_rejected_alone_and_the
     assert cubic not in section.parameters
     assert section.covariance
     assert not any(cubic in kept.of for kept in section.covariance)
-    assert cubic in found(cfid, *words, "--force")["parameters"]
+    assert cubic in content_of(cfid, *words, "--force")["parameters"]
 
 
 def test_a_tachometers_readings_are_divided_by_the_markers(cfid: Cfid, tmp_path: Path) -> None:
@@ -146,47 +137,35 @@ def test_a_tachometers_readings_are_divided_by_the_markers(cfid: Cfid, tmp_path:
     rpm = 2 * speeds * 60 / (2 * np.pi)
     table.write_text("cmd,rpm_1\n" + "".join(f"{c},{r:.9f}\n" for c, r in zip(commands, rpm, strict=True)))
 
-    poly = found(cfid, "fit", "speed", "--table", table, "--markers", 2)["parameters"]["motor.speed_poly"]["value"]
+    poly = content_of(cfid, "fit", "speed", "--table", table, "--markers", 2)["parameters"]["motor.speed_poly"]["value"]
     assert poly == pytest.approx([0.04076521, 380.8359], rel=1e-7)
-    (tmp_path / RIG_FILE).write_text(new_rig_text())
+    new_campaign(tmp_path)
     doubled = cfid("fit", "speed", "--table", str(table), "--markers", "1", "--campaign", str(tmp_path), "--no-figures")
     assert doubled.returncode == 5
     assert "implausible" in doubled.stderr
 
 
-def test_a_tachometers_markers_are_those_of_rig_toml_or_of_the_run_and_asked_for_where_nobody_stated_them(
-    tmp_path: Path,
+def test_a_tachometers_markers_are_those_of_the_run_then_of_rig_toml_and_a_question_elsewhere(
+    cfid: Cfid, tmp_path: Path
 ) -> None:
-    (tmp_path / RIG_FILE).write_text(new_rig_text().replace("markers = 2", "markers = 4"))
+    lab = new_campaign(tmp_path / "lab", ("markers = 2", "markers = 4")).folder
+    command, rpm = np.array([10000, 20000, 30000, 40000]), np.array([2e4, 4e4, 6e4, 8e4])
+    readings = {"t": np.arange(4.0), "command": command, "rpm": rpm}
+    run = made_run(lab, "speed", {"readings": readings}, facts=RigFacts(tachometer=Tachometer(markers=2)))
     table, stand = tmp_path / "rpm.csv", tmp_path / "stand.csv"
-    table.write_text("cmd,rpm_1\n10000,20000\n20000,40000\n")
-    stand.write_text("cmd,thrust_n,rpm_mean\n10000,0.01,20000\n20000,0.02,40000\n")
-    with create_run(
-        tmp_path / "runs",
-        kind="speed",
-        label=Label(),
-        devices={"readings": DeviceRecord(file="readings.csv", columns=("t", "command", "rpm"))},
-        started=datetime(2026, 11, 21, tzinfo=UTC),
-        cfid_version="0",
-        facts=RigFacts(tachometer=Tachometer(markers=2)),
-    ) as run:
-        run.append("readings", ([0.0, 1.0], [10000, 20000], [20000.0, 40000.0]))
+    table.write_text("cmd,rpm_1\n" + "".join(f"{c},{r}\n" for c, r in zip(command, rpm, strict=True)))
+    stand.write_text("cmd,thrust_n,rpm_mean\n" + "".join(f"{c},{1e-10 * c**2:.4f},{2 * c}\n" for c in command))
 
-    def told(*words: object, **options: Any) -> float:
-        rig = RigOptions() if options.pop("borrowed", False) else RigOptions(campaign=tmp_path)
-        evidence = read_evidence(
-            [str(word) for word in words], open_workplace(rig), known=Stand(markers=options.get("markers")),
-            table=options.get("table"), kind="speed", method="default",
-        )  # fmt: skip
-        assert evidence.points.speed_rad_s is not None
-        return round(20000 * 2 * np.pi / 60 / float(evidence.points.speed_rad_s[0]), 9)
+    def markers(*words: object) -> float:
+        content = content_of(cfid, "fit", "speed", *words, "--campaign", lab, "--force", "--no-figures")
+        (row, *_) = content["parameters"]["motor.table"]["value"]
+        return round(20000 * 2 * np.pi / 60 / float(row["speed_rad_s"]), 6)
 
-    assert told(run.folder) == 2
-    assert told(run.folder, markers=1) == 1
-    assert told(table=table) == 4
-    assert told(table=stand) == 1
-    with pytest.raises(ConfigError, match="give `markers`"):
-        told(table=table, borrowed=True)
+    assert markers(run.folder) == 2
+    assert markers(run.folder, "--markers", 1) == 1
+    assert markers("--table", table) == 4
+    assert markers("--table", stand) == 1
+    assert cfid("fit", "speed", "--table", table, "--no-figures").returncode == 2
 
 
 def test_figures_are_drawn_beside_the_parameters(cfid: Cfid, campaign: Path) -> None:
@@ -200,10 +179,10 @@ def test_figures_are_drawn_beside_the_parameters(cfid: Cfid, campaign: Path) -> 
 
 @pytest.mark.skipif(not DATA.exists(), reason="the public thrust-stand records are not here (CFID_DATA)")
 def test_public_records_give_their_known_figures_or_are_refused(cfid: Cfid, tmp_path: Path) -> None:
-    table = found(cfid, "fit", "speed", "--table", DATA / "bitcraze_2015" / "cf20_pwm_thrust_2015.csv")
+    table = content_of(cfid, "fit", "speed", "--table", DATA / "bitcraze_2015" / "cf20_pwm_thrust_2015.csv")
     k = table["parameters"]["motor.thrust_per_speed_squared_n_s2"]["value"]
     assert k == pytest.approx(2.22e-8, rel=0.005)
-    steps = found(cfid, "fit", "thrust", "--table", DATA / "bitcraze_2021" / "cf21_stock2.csv")
+    steps = content_of(cfid, "fit", "thrust", "--table", DATA / "bitcraze_2021" / "cf21_stock2.csv")
     assert 1.88e-8 < steps["parameters"]["motor.thrust_per_speed_squared_n_s2"]["value"] < 2.04e-8
     ramp = cfid("fit", "thrust", "--table", str(DATA / "bitcraze_2021" / "cf2.1-stock-prop.csv"), "--no-figures")
     assert ramp.returncode in (4, 5)
@@ -213,7 +192,7 @@ def test_public_records_give_their_known_figures_or_are_refused(cfid: Cfid, tmp_
 def test_rotor_speeds_are_heard_in_the_vibration(cfid: Cfid, campaign: Path) -> None:
     steps = (10000, 30000, 60000)
     run = write_run(campaign, climbed(steps, motors=(1,), rate_hz=3500.0, hold_s=4.0), steps=steps)
-    content = found(cfid, "fit", "rotor", run.folder, "--campaign", campaign)
+    content = content_of(cfid, "fit", "rotor", run.folder, "--campaign", campaign)
     speeds = content["parameters"]["rotor.speed_rad_s"]
     truth = TRUTH.steady_rad_per_s(np.array(steps, dtype=float), volts=TRUTH.nominal_v)
 
@@ -222,15 +201,9 @@ def test_rotor_speeds_are_heard_in_the_vibration(cfid: Cfid, campaign: Path) -> 
     assert [row["cmd"] for row in content["parameters"]["rotor.windows"]["value"]] == list(steps)
 
 
-def test_a_window_by_hand_is_listened_to(cfid: Cfid, tmp_path: Path) -> None:
-    path = write_thesis_file(tmp_path / "30000.csv", climbed([30000], motors=(1,), hold_s=3.0, rate_hz=3500.0))
-    only = found(cfid, "fit", "rotor", path, "--from", 2, "--to", 3.5)["parameters"]["rotor.speed_rad_s"]
-    assert only["value"] == pytest.approx(float(TRUTH.idle_rad_per_s + 30000 * TRUTH.rad_per_s_per_command), rel=1e-3)
-
-
 @pytest.mark.skipif(not DATA.exists(), reason="the public thrust-stand records are not here (CFID_DATA)")
 def test_public_steps_have_their_known_time_constants(cfid: Cfid) -> None:
-    content = found(cfid, "fit", "dynamics", "--table", DATA / "bitcraze_2021" / "cf21_stock2.csv")
+    content = content_of(cfid, "fit", "dynamics", "--table", DATA / "bitcraze_2021" / "cf21_stock2.csv")
     rows = content["parameters"]["dynamics.time_constant_s"]["value"]
     found_s = {(row["cmd_from"], row["cmd_to"]): (row["time_constant_s"], row["std_s"]) for row in rows}
 
@@ -244,7 +217,7 @@ def test_public_steps_have_their_known_time_constants(cfid: Cfid) -> None:
 def test_without_a_tachometer_a_thrust_run_tells_speeds_by_its_vibration(cfid: Cfid, campaign: Path) -> None:
     steps = (10000, 20000, 30000, 60000)
     run = write_run(campaign, climbed(steps, motors=(1,), rate_hz=3500.0), steps=steps)
-    content = found(cfid, "fit", "speed", run.folder, "--campaign", campaign, "--expect", "400,3500")
+    content = content_of(cfid, "fit", "speed", run.folder, "--campaign", campaign, "--expect", "400,3500")
     parameters = content["parameters"]
 
     assert parameters["motor.speed_poly"]["value"] == pytest.approx(
@@ -261,7 +234,7 @@ def test_speeds_that_the_vehicle_told_beside_the_load_cell_are_taken(cfid: Cfid,
     record = climbed(STEPS[:8])
     rpm = record.speed_rad_per_s[:, [0, 2]] * 60 / (2 * np.pi)
     run = write_run(campaign, record, steps=STEPS[:8], told_rpm=rpm)
-    content = found(cfid, "fit", "thrust", run.folder, "--campaign", campaign)
+    content = content_of(cfid, "fit", "thrust", run.folder, "--campaign", campaign)
     k = content["parameters"]["motor.thrust_per_speed_squared_n_s2"]["value"]
 
     assert k == pytest.approx(TRUTH.thrust_ns2_per_rad2, rel=0.01)
@@ -287,13 +260,6 @@ def test_the_figure_of_steps_is_drawn(cfid: Cfid, tmp_path: Path) -> None:
 # Faulty input
 
 
-def test_torque_of_motors_that_turn_against_each_other_is_refused(cfid: Cfid, campaign: Path) -> None:
-    run = write_run(campaign, climbed(STEPS[:6], motors=(1, 2)), steps=STEPS[:6])
-    said = cfid("fit", "torque", str(run.folder), "--campaign", str(campaign), "--no-figures")
-    assert said.returncode == 5
-    assert "turn against each other" in said.stderr
-
-
 def test_a_step_that_never_settles_is_told_and_left_out_or_ends_the_fit(cfid: Cfid, campaign: Path) -> None:
     slow = RotorTruth(time_constant_s=1.5)
     run = write_run(campaign, climbed(STEPS[4:7], rotors=slow), steps=STEPS[4:7])
@@ -306,16 +272,10 @@ def test_a_step_that_never_settles_is_told_and_left_out_or_ends_the_fit(cfid: Cf
     for command in (20000, 40000, 60000):
         path = write_thesis_file(campaign / f"{command}.csv", climbed([command], hold_s=3.0, seed=command))
         words.append(f"{command}={path}")
-    said = cfid("fit", "thrust", *words, "--motors", "2", "--no-figures")
-    assert said.stderr.count("note: ") == 3  # two warnings, and how many more there are
-    said = cfid("fit", "thrust", *words, "--motors", "2", "--no-figures", "--verbose")
-    assert said.returncode == 0, said.stderr
-    assert said.stderr.count("note: ") > 4
-    assert "slow: command 4000:" in said.stderr
-    assert "it is left out" in said.stderr
-    alone = cfid("fit", "thrust", words[0], "--motors", "2", "--no-figures")
-    assert alone.returncode == 5
-    assert "no step settles" in alone.stderr
+    content = content_of(cfid, "fit", "thrust", *words, "--motors", "2", "--no-figures")
+    assert [row["cmd"] for row in content["parameters"]["motor.table"]["value"]] == [20000, 40000, 60000]
+    assert "step-left-out" in codes(content)
+    assert cfid("fit", "thrust", words[0], "--motors", "2", "--no-figures").returncode == 5
 
 
 def test_thrust_that_points_down_is_told_and_turned_round_when_asked(cfid: Cfid, campaign: Path) -> None:
@@ -347,14 +307,6 @@ def test_thrust_has_a_drawing_of_the_load_cell_with_the_yaw_on_which_all_runs_ag
     assert "thrust_rig" not in maps.fit_thrust([ahead, turned]).figures()
 
 
-def test_motors_that_never_ran_are_told(cfid: Cfid, campaign: Path) -> None:
-    still = climbed(STEPS[:5], rotors=RotorTruth(dead_below_command=65535.0))
-    run = write_run(campaign, still, steps=STEPS[:5])
-    said = cfid("fit", "thrust", str(run.folder), "--campaign", str(campaign), "--no-figures")
-    assert said.returncode in (4, 5)
-    assert "no motor is felt" in said.stderr
-
-
 def test_a_saturated_load_cell_is_told(cfid: Cfid, campaign: Path) -> None:
     record = climbed(STEPS[:5])
     record.status[3000:6000] = 0x80020000
@@ -373,29 +325,25 @@ def test_a_missing_command_is_told(cfid: Cfid, campaign: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "code", "told"),
+    ("words", "code"),
     [
-        ("fit thrust", 2, "nothing to fit"),
-        ("fit thrust abc=file.csv", 2, "'abc' is no command from 0 to 65535"),
-        ("fit thrust 2000=missing.csv", 4, "no such file"),
-        ("fit thrust missing", 4, "missing: no such file"),
-        ("fit thrust 2000=x.csv --order 9", 4, ""),
-        ("fit thrust 2000=x.csv --window 5", 2, "should be FROM,TO"),
-        ("fit speed --table missing.csv", 4, "no such file"),
-        ("fit speed missing --expect 5", 2, "should be FROM,TO in rad/s"),
-        ("fit torque --table missing.csv --markers 0", 2, "Invalid value"),
+        ("fit thrust", 2),
+        ("fit thrust abc=file.csv", 2),
+        ("fit thrust 2000=missing.csv", 4),
+        ("fit thrust 2000=x.csv --window 5", 2),
+        ("fit speed --table missing.csv", 4),
+        ("fit speed missing --expect 5", 2),
     ],
 )
-def test_what_cannot_be_meant_so_is_told(cfid: Cfid, words: str, code: int, told: str) -> None:
+def test_what_cannot_be_meant_so_is_refused(cfid: Cfid, words: str, code: int) -> None:
     said = cfid(*words.split(), "--no-figures")
     assert said.returncode == code, said.stderr
-    assert told in said.stderr
     assert "Traceback" not in said.stderr
 
 
 def test_without_a_word_the_campaigns_complete_staircases_are_taken(cfid: Cfid, campaign: Path) -> None:
     run = write_run(campaign, climbed((0, 16000, 32000, 48000), hold_s=1.5), steps=(0, 16000, 32000, 48000))
-    named = found(cfid, "fit", "thrust", run.folder, "--campaign", campaign)["parameters"]
+    named = content_of(cfid, "fit", "thrust", run.folder, "--campaign", campaign)["parameters"]
     taken = cfid("fit", "thrust", "--campaign", str(campaign), "--json")
 
     assert "takes 1 complete run of cfid log thrust." in taken.stderr
@@ -405,27 +353,13 @@ def test_without_a_word_the_campaigns_complete_staircases_are_taken(cfid: Cfid, 
     assert "no complete runs of cfid log speed" in none.stderr
 
 
-def test_a_stands_record_over_time_has_its_figure(cfid: Cfid, campaign: Path, tmp_path: Path) -> None:
-    """The record has one channel, thrust, instead of a load cell's six."""
-    table, rng, grams = tmp_path / "stand.csv", np.random.default_rng(1), 0.0
-    rows = ["t_s,weight[g],pwm,vbat[V]"]
-    for at, command in enumerate(np.repeat([0, *range(8000, 64001, 8000), 0], 400)):
-        grams += 0.1 * (68.0 * (command / 65535) ** 2 - grams)
-        rows.append(f"{at / 100},{grams + 0.02 * rng.standard_normal():.4f},{command},4.0")
-    table.write_text("\n".join(rows) + "\n")
-    done = cfid("fit", "thrust", "--table", str(table), "--motors", "4", "--campaign", str(campaign))
-
-    assert done.returncode == 0, done.stderr
-    assert (campaign / "figures" / "fit_thrust_stand.png").exists()
-
-
 def test_a_run_without_a_steady_step_is_left_out_and_does_not_condemn_the_others(cfid: Cfid, campaign: Path) -> None:
     steps = (0, 16000, 32000, 48000)
     run = write_run(campaign, climbed(steps, hold_s=1.5), steps=steps)
-    alone = found(cfid, "fit", "thrust", run.folder, "--campaign", campaign)["parameters"]
+    alone = content_of(cfid, "fit", "thrust", run.folder, "--campaign", campaign)["parameters"]
     short = write_run(campaign, climbed((16000,), hold_s=0.05), steps=(16000,))
     refused = cfid("fit", "thrust", short.folder, "--campaign", campaign, "--no-figures")
-    taken = found(cfid, "fit", "thrust", short.folder, run.folder, "--campaign", campaign)
+    taken = content_of(cfid, "fit", "thrust", short.folder, run.folder, "--campaign", campaign)
 
     assert refused.returncode in (4, 5)
     assert taken["parameters"] == alone

@@ -11,9 +11,7 @@ import pytest
 
 from cfid.errors import FitError
 from cfid.estimate.polynomials import fit_polynomial
-from cfid.findings import texts
 from cfid.motors.maps.estimation import (
-    MotorMap,
     fit_map,
     fit_thrust_of_speed,
     invert,
@@ -101,25 +99,6 @@ def test_scatter_is_stated_in_the_standard_uncertainties_that_were_given(times: 
     assert "map-points-scatter" in codes(fit_thrust(points))
 
 
-MAPS: dict[str, tuple[Callable[[Points], MotorMap], Array, tuple[float, ...]]] = {
-    "thrust": (fit_thrust, COMMANDS[1:], EQ_3_3),
-    "speed": (fit_speed, COMMANDS[1:], EQ_3_4[1]),
-    "torque": (fit_torque, np.polyval(EQ_3_3, COMMANDS[1:]), EQ_3_5),
-}
-
-
-@pytest.mark.parametrize(
-    "quantity", ["thrust", *(pytest.param(one, marks=pytest.mark.slow) for one in ("speed", "torque"))]
-)
-def test_the_95_percent_band_holds_the_true_map_in_93_to_97_of_100_noisy_staircases(quantity: str) -> None:
-    fit, x, equation = MAPS[quantity]
-    maps = [fit(running(noisy(seed))).fit for seed in range(400)]
-    held = np.mean([np.abs(one.at(x) - np.polyval(equation, x)) <= one.confidence(x) for one in maps])
-    print(f"{quantity}: {held:.3f}")
-
-    assert 0.93 <= held <= 0.97
-
-
 def test_the_thesis_method_is_polyfit_without_command_2000_and_with_zero_at_command_0() -> None:
     points = noisy(2)
     kept = COMMANDS != 2000
@@ -135,12 +114,6 @@ def test_the_thesis_method_is_polyfit_without_command_2000_and_with_zero_at_comm
     assert fits[2].fit.residual_norm > 0.8 * EQ_3_4[1][1]  # the point of the standing motor is far below the line
     unmeasured = fit_thrust(made(COMMANDS[1:]), method="thesis")  # the zero is put where nobody measured command 0
     assert unmeasured.fit.coefficients == pytest.approx(fit_thrust(made(), method="thesis").fit.coefficients)
-
-
-def test_the_default_leaves_the_dead_zone_out_of_thrust_and_speed() -> None:
-    command = np.concatenate([[0.0, 500.0, 1000.0], COMMANDS[1:]])
-    assert [fit(made(command)).left_out for fit in (fit_thrust, fit_speed)] == [(0, 500, 1000)] * 2
-    assert fit_torque(made(command)).left_out == ()
 
 
 def test_order_auto_takes_what_the_points_have() -> None:
@@ -299,15 +272,6 @@ def test_scales_give_one_motors_newtons_and_the_difference_to_the_map(sense: int
     assert stated.gain_std**2 == pytest.approx(check.gain_std**2 + (5e-3 * check.gain) ** 2)
 
 
-def test_scales_without_a_reading_at_rest_or_whose_display_stands_still_are_refused() -> None:
-    with pytest.raises(FitError, match="readings at command 0 and above 1000 are needed, and these are from 4000 to"):
-        scales_thrust_n(COMMANDS[2:], COMMANDS[2:], motors=2, gravity_mps2=9.81)
-    with pytest.raises(FitError, match="the scales show 60 to 60 g at every command from 0 to 64000: the"):
-        scales_thrust_n(COMMANDS, np.full(len(COMMANDS), 60.0), motors=2, gravity_mps2=9.81)
-    coarse = np.round(60 - 2 * made()["thrust_n"].to_numpy() / 9.81 * 1e3)
-    assert scales_thrust_n(COMMANDS, coarse, motors=2, gravity_mps2=9.81)[-1] > 0.05
-
-
 # Points that allow no map
 
 
@@ -341,14 +305,6 @@ STILL = frame(np.arange(4000.0, 20001, 4000), speed_rad_s=np.full(5, 544.5))
 def test_points_that_allow_no_map_are_refused(fit: Callable[[Points], object], points: Points, reason: str) -> None:
     with pytest.raises(FitError, match=reason):
         fit(points)
-
-
-def test_commands_that_were_requested_and_have_no_point_are_named() -> None:
-    gap = POINTS.assign(thrust_n=np.where(np.isin(COMMANDS, (26000, 64000)), np.nan, THRUST))
-    asked = [int(command) for command in COMMANDS]
-
-    assert "command 26000, 64000 is missing." in texts(fit_thrust(gap, expected=asked).findings, "warning")
-    assert codes(fit_thrust(POINTS, expected=asked)) == {}
 
 
 def test_a_map_that_does_not_describe_its_points_or_falls_is_rejected() -> None:

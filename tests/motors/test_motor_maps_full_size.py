@@ -14,11 +14,9 @@ import numpy.typing as npt
 import pytest
 
 from cfid.estimate.polynomials import PolynomialFit
-from cfid.estimate.signals import without_spikes
 from cfid.estimate.staircase import Point, reduce_staircase
 from cfid.motors.maps.estimation import THRUST_ORDER, VoltageComparison, compare, fit_map
 from cfid.motors.points import Points, points_of
-from cfid.motors.vibration.estimation import rotor_speed
 from cfid.sim.loadcell import LoadCellTruth
 from cfid.sim.propulsion import NOMINAL_V, BatteryTruth, RotorTruth
 from tests.offline.stand import StandRecord, simulate_stand, staircase_steps
@@ -118,52 +116,6 @@ def test_the_thrust_map_of_a_short_staircase_is_true_where_its_noise_is_as_dense
 
     assert high < 0.3
     assert low < 0.6
-
-
-@pytest.mark.slow
-def test_the_torque_slope_of_a_full_staircase_is_true_within_1_percent() -> None:
-    fit = fit_map("torque", full_size().points).fit
-    off = fit.coefficients[0] / ROTORS.torque_m - 1
-    print(f"torque slope off by {100 * off:.3f} %, stated {100 * fit.std[0] / ROTORS.torque_m:.3f} %")
-
-    assert abs(off) < 0.01
-    assert abs(off * ROTORS.torque_m) < 3 * fit.std[0]
-
-
-@pytest.mark.slow
-def test_the_speed_heard_in_windows_of_a_full_staircase_is_true_within_0_1_percent() -> None:
-    found, off = full_size(), []
-    wrench = without_spikes(found.record.wrench.T, length=1400).T
-    for point in found.steady[::3]:
-        first, last = np.searchsorted(found.record.time_s, (point.begin_s, point.end_s))
-        estimated = rotor_speed(time_s=found.record.time_s[first:last], wrench=wrench[first:last], rotors=2)
-        assert estimated.accepted
-        off.append(estimated.speed_rad_per_s / float(speed_rad_s(np.array(float(point.command or 0)))) - 1)
-    print(f"speed heard off by at most {100 * np.abs(off).max():.4f} % in {len(off)} windows")
-
-    assert np.abs(off).max() < 1e-3
-
-
-@pytest.mark.slow
-def test_the_95_percent_bands_of_maps_hold_the_truth_in_93_to_97_of_100_staircases() -> None:
-    # Steps share the pauses between them: bands that took errors as independent contained the truth in 90 of 100.
-    at = np.array(UP[1:], float)
-    inside = []
-    for seed in range(7000, 7400):
-        points = reduced(UP, hold_s=3.0, rest_s=1.3, rate_hz=1000.0, quieter=4.8, seed=seed).points
-        thrust, torque = fit_map("thrust", points).fit, fit_map("torque", points).fit
-        true = thrust_n(at)
-        inside.append(
-            [
-                np.mean(np.abs(thrust.at(at) - true) < thrust.confidence(at)),
-                np.mean(np.abs(torque.at(true) - ROTORS.torque_m * true) < torque.confidence(true)),
-            ]
-        )
-    of_thrust, of_torque = np.mean(inside, axis=0).tolist()
-    print(f"bands hold the truth: thrust {of_thrust:.3f}, torque {of_torque:.3f}")
-
-    assert 0.93 <= of_thrust <= 0.97
-    assert 0.93 <= of_torque <= 0.97
 
 
 # A battery that sags

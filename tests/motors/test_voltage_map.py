@@ -7,7 +7,6 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.errors import FitError
 from cfid.motors.maps.data import warm_up
 from cfid.motors.maps.estimation import compare, compare_thrust, fit_map, maximum_thrust, motor_volts, on_battery
 from cfid.motors.points import Points, frame
@@ -92,15 +91,6 @@ def test_a_command_is_judged_by_points_that_have_not_seen_it() -> None:
     assert compared.judged == 3
     assert compared.command_rms == pytest.approx(np.sqrt(np.mean(np.square(errors))), rel=1e-6)
     assert compared.voltage_rms == pytest.approx(compared.command_rms, rel=1e-6)
-
-
-def test_points_without_a_voltage_are_left_out_and_too_few_commands_refused() -> None:
-    points = by_voltage(UP_AND_DOWN, sagging(UP_AND_DOWN))
-    points.loc[10, "vbat_v"] = np.nan
-
-    assert len(compare_thrust(points).value) == 63
-    with pytest.raises(FitError, match=r"5 commands above 1000 are too few .* of order 3 .*: 6 are needed"):
-        compare_thrust(points[:6])
 
 
 # The largest thrust
