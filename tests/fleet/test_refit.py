@@ -18,7 +18,6 @@ from typing import Any
 
 import pandas as pd
 import pytest
-from tests.motors.test_resumed_scales import two_parts
 
 from cfid.fleet.places import Arriving
 from cfid.fleet.places import campaigns as campaigns_of
@@ -31,6 +30,7 @@ from cfid.records.rig_file import new_rig_text
 from tests.campaigns import LONGEST_S, Once
 from tests.lab import Cfid, run_cfid, sections_at
 from tests.motors.stand_in_a_folder import climbed, write_run
+from tests.motors.test_readings_and_resumed_runs import two_parts
 from tests.processes import started
 
 FITS = {"c1": ("friction", "testbody", "swing"), "c2": ("inertia", "swing"), "c3": ("swing",)}

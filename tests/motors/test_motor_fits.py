@@ -154,7 +154,7 @@ def test_a_tachometers_markers_are_those_of_the_run_then_of_rig_toml_and_a_quest
     run = made_run(lab, "speed", {"readings": readings}, facts=RigFacts(tachometer=Tachometer(markers=2)))
     table, stand = tmp_path / "rpm.csv", tmp_path / "stand.csv"
     table.write_text("cmd,rpm_1\n" + "".join(f"{c},{r}\n" for c, r in zip(command, rpm, strict=True)))
-    stand.write_text("cmd,thrust_n,rpm_mean\n" + "".join(f"{c},{1e-10 * c**2:.4f},{2 * c}\n" for c in command))
+    stand.write_text("cmd,thrust_n,rpm_mean\n" + "".join(f"{c},{1.03e-10 * c**2:.3f},{2 * c}\n" for c in command))
 
     def markers(*words: object) -> float:
         content = content_of(cfid, "fit", "speed", *words, "--campaign", lab, "--force", "--no-figures")

@@ -160,8 +160,8 @@ COMMAND = np.arange(5000, 65000, 5000)
 SPEED = 0.0408 * COMMAND + 381
 
 
-def noisy(value: Array, seed: int = 0) -> Array:
-    return value * (1 + 0.003 * np.random.default_rng(seed).standard_normal(value.shape))
+def noisy(value: npt.NDArray[Any], seed: int = 0) -> Array:
+    return np.asarray(value * (1 + 0.003 * np.random.default_rng(seed).standard_normal(value.shape)))
 
 
 def speed_at_40000(result: Result) -> float:
