@@ -2,7 +2,6 @@
 
 import math
 import tomllib
-from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +10,8 @@ import pytest
 from cfid.errors import ConfigError
 from cfid.recordings.wrench import turn_about_z
 from cfid.records.rig_file import NONE_STATED, LoadCellMount, RigFacts, Tachometer, WindStand, load_rig, new_rig_text
-from cfid.records.run import DeviceRecord, Label, amend_run, read_run
-from cfid.records.run_writer import create_run
+from cfid.records.run import amend_run, read_run
+from tests.lab import made_run
 
 LEAST = "[vehicle]\nmass_kg = 0.028\ncentre_of_mass_mm = [0, 0, 0]\n"
 DIAGONAL = math.sqrt(0.5)
@@ -57,9 +56,7 @@ def test_the_preset_states_both_mounts_of_the_thesis(tmp_path: Path) -> None:
     ("text", "key"),
     [
         ("[loadcell]\nyaw_deg = nan", "loadcell.yaw_deg"),
-        ("[loadcell]\narm_mm = 0.0", "loadcell.arm_mm"),
         ("[loadcell]\nflip_fz = 1", "loadcell.flip_fz"),
-        ("[tachometer]\nmarkers = 0", "tachometer.markers"),
         ("[tachometer]\nmarkers = 1.5", "tachometer.markers"),
         ("[wind]\nazimuth_rad = 0.4967", "wind.azimuth_rad"),
     ],
@@ -74,20 +71,11 @@ def test_an_invalid_fact_is_named(tmp_path: Path, text: str, key: str) -> None:
 
 def test_a_run_keeps_the_stated_facts_through_its_end_and_later_notes(tmp_path: Path) -> None:
     stated = RigFacts(loadcell=LoadCellMount(yaw_deg=0.0, flip_fz=False), wind=WindStand(azimuth_deg=-10.5))
-    with create_run(
-        tmp_path,
-        kind="thrust",
-        label=Label(),
-        devices={"commands": DeviceRecord(file="commands.csv", columns=("t", "m1"))},
-        started=datetime(2026, 11, 21, tzinfo=UTC),
-        cfid_version="0",
-        facts=stated,
-    ) as writer:
-        assert read_run(writer.folder).header.rig == stated
-    amend_run(read_run(writer.folder), note="windy")
+    run = made_run(tmp_path, "thrust", {"commands": {"t": [], "m1": []}}, facts=stated)
+    amend_run(run, note="windy")
 
-    assert read_run(writer.folder).header.rig == stated
-    noted = tomllib.loads((writer.folder / "run.toml").read_text())["rig"]
+    assert read_run(run.folder).header.rig == run.header.rig == stated
+    noted = tomllib.loads((run.folder / "run.toml").read_text())["rig"]
     assert noted == {"loadcell": {"yaw_deg": 0.0, "flip_fz": False}, "wind": {"azimuth_deg": -10.5}}
 
 

@@ -10,11 +10,10 @@ from typing import Any
 
 import pytest
 
+from tests.lab import ROOT
 from tests.records.failing_calls import JOBS, KINDS
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="preloads a library, forks")
-
-ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture
@@ -36,7 +35,7 @@ def attempts(library: Path, folder: Path, *kinds: str) -> Any:
     return json.loads(ended.stdout.splitlines()[-1])
 
 
-@pytest.mark.parametrize("kinds", [("ENOSPC", "EROFS"), pytest.param(tuple(KINDS), marks=pytest.mark.slow)])
+@pytest.mark.parametrize("kinds", [("ENOSPC",), pytest.param(tuple(KINDS), marks=pytest.mark.slow)])
 def test_a_call_that_fails_leaves_the_campaign_readable_and_a_true_message(
     library: Path, tmp_path: Path, kinds: tuple[str, ...]
 ) -> None:
@@ -45,5 +44,5 @@ def test_a_call_that_fails_leaves_the_campaign_readable_and_a_true_message(
     print(f"{sum(tries.values())} calls failed, {len(found['wrong'])} faults: {tries}")
 
     assert set(tries) == {job.__name__ for job in JOBS}
-    assert sum(tries.values()) >= (400 if len(kinds) == len(KINDS) else 120)
+    assert sum(tries.values()) >= 60 * len(kinds)
     assert found["wrong"] == []

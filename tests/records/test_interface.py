@@ -9,11 +9,10 @@ import pytest
 import cfid
 from cfid.errors import ConfigError, FitError
 from cfid.findings import Finding, rejection, warning
-from cfid.recordings.importing import import_recording
-from cfid.recordings.recording import How
 from cfid.records.fits import Fit, list_fits
 from cfid.records.parameters import Parameter, Source
 from cfid.records.result import Result
+from tests.lab import new_campaign
 
 MASS = Parameter(value=0.028, std=1e-5, unit="kg")
 RADIUS = Parameter(value=0.023, std=1e-4, unit="m")
@@ -37,11 +36,6 @@ def test_importing_cfid_imports_no_library() -> None:
     assert ended.stdout.strip() == ""
 
 
-def test_a_name_that_is_not_there_is_an_attribute_error() -> None:
-    with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
-        cfid.nonsense  # noqa: B018
-
-
 def test_runs_are_found_by_kind_name_pattern_and_as_the_last(bodies: Path) -> None:
     campaign = cfid.open_campaign(bodies)
     swings = campaign.runs(kind="swing")
@@ -53,21 +47,13 @@ def test_runs_are_found_by_kind_name_pattern_and_as_the_last(bodies: Path) -> No
     name = swings[0].folder.name
     assert campaign.run(name) == swings[0]
     assert campaign.run(f"{name[:-1]}?").folder.name == name
+    for word in ("nothing", "*", "last nonsense"):
+        with pytest.raises(ConfigError):
+            campaign.run(word)
 
 
-@pytest.mark.parametrize("name", ["nothing", "*", "last nonsense"])
-def test_a_name_that_is_not_one_run_is_refused(bodies: Path, name: str) -> None:
-    with pytest.raises(ConfigError, match="see `cfid runs`"):
-        cfid.open_campaign(bodies).run(name)
-
-
-def test_a_folder_without_a_campaign_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError):
-        cfid.open_campaign(tmp_path)
-
-
-def test_a_result_is_kept_and_its_numbers_stand_in_a_frame(bodies: Path) -> None:
-    campaign = cfid.open_campaign(bodies)
+def test_a_result_is_kept_and_its_numbers_stand_in_a_frame(tmp_path: Path) -> None:
+    campaign = new_campaign(tmp_path)
     campaign.keep(result(warning("a-code", "a cable.")))
     frame = campaign.quantities().set_index("quantity")
 
@@ -79,8 +65,8 @@ def test_a_result_is_kept_and_its_numbers_stand_in_a_frame(bodies: Path) -> None
     assert [finding.code for finding in fit.findings] == ["a-code"]
 
 
-def test_a_rejection_takes_its_quantity_and_leaves_the_others(bodies: Path) -> None:
-    campaign = cfid.open_campaign(bodies)
+def test_a_rejection_takes_its_quantity_and_leaves_the_others(tmp_path: Path) -> None:
+    campaign = new_campaign(tmp_path)
     found = result(rejection("a-code", "no calliper.", "things.radius_m"))
     campaign.keep(found)
 
@@ -89,8 +75,8 @@ def test_a_rejection_takes_its_quantity_and_leaves_the_others(bodies: Path) -> N
     assert campaign.values().sections()["things"].rejected == {"things.radius_m": "no calliper."}
 
 
-def test_what_a_result_is_for_is_kept_by_force_alone_and_marked(bodies: Path) -> None:
-    campaign = cfid.open_campaign(bodies)
+def test_what_a_result_is_for_is_kept_by_force_alone_and_marked(tmp_path: Path) -> None:
+    campaign = new_campaign(tmp_path)
     found = result(rejection("a-code", "the scales stick.", "things.mass*"))
     with pytest.raises(FitError, match="the scales stick"):
         campaign.keep(found)
@@ -119,11 +105,3 @@ def test_a_recording_has_a_frame_for_each_device(bodies: Path) -> None:
     assert frame["t"].iloc[0] == 0
     assert recording.series["encoder"].column("phi").unit == "counts"
     assert recording.facts.label == run.header.label
-
-
-def test_a_setting_that_there_is_not_is_refused(files: Path) -> None:
-    how = How(units={"phi": "counts"}, clock="true")
-    recording = cfid.read_recording(files / "x.csv", how)
-    with pytest.raises(ConfigError) as refused:
-        import_recording(recording, how)
-    assert refused.value.code == "unused"

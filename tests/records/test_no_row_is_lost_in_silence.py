@@ -2,9 +2,7 @@
 
 import json
 from pathlib import Path
-
-import numpy as np
-import pytest
+from typing import Any
 
 from cfid.records.files import RUN_FILE
 from tests.lab import Cfid
@@ -37,35 +35,17 @@ def test_damaged_lines_of_a_vehicles_log_are_reported_by_the_fit_that_leaves_the
     assert not any("crazyflie.csv" in str(one) for one in sound)
 
 
-@pytest.mark.parametrize("rows", [5_000, 200_000])
-def test_a_column_of_numbers_is_kept_though_its_first_half_is_empty(cfid: Cfid, tmp_path: Path, rows: int) -> None:
-    half = rows // 2
-    late = ["" if at < half else f"{0.001 * at:.3f}" for at in range(rows)]
-    lines = (f"{at / 1000},{at % 97}.25,{late[at]}" for at in range(rows))
-    (tmp_path / "log.csv").write_text("\n".join(["t_s,gyro.x,late", *lines]) + "\n")
-    shown = json.loads(cfid("show", tmp_path / "log.csv", "--json").stdout)["parameters"]
+def test_a_last_point_without_a_newline_is_kept_and_a_cut_line_is_no_point(cfid: Cfid, tmp_path: Path) -> None:
+    def fitted(text: str) -> Any:
+        (tmp_path / "stand.csv").write_text(text)
+        return json.loads(cfid("fit", "thrust", "--table", tmp_path / "stand.csv", "--json").stdout)
 
-    assert shown["recording.samples"]["value"] == rows
-    assert shown["recording.range.late"]["value"] == pytest.approx([0.001 * half, 0.001 * (rows - 1)])
+    whole, unended = fitted("\n".join([*STAND, ""])), fitted("\n".join(STAND))
+    shorter, cut = fitted("\n".join([*STAND[:-1], ""])), fitted("\n".join([*STAND[:-1], "655"]))
 
-
-def test_the_last_point_of_a_table_without_a_final_newline_is_kept(cfid: Cfid, tmp_path: Path) -> None:
-    maps = []
-    for name, end in (("ended", "\n"), ("unended", "")):
-        (tmp_path / f"{name}.csv").write_text("\n".join(STAND) + end)
-        maps.append(json.loads(cfid("fit", "thrust", "--table", tmp_path / f"{name}.csv", "--json").stdout))
-    ended, unended = (found["parameters"]["motor.max_thrust_n"]["value"] for found in maps)
-
-    assert unended == ended == pytest.approx(0.16, rel=0.05)
-    assert len(maps[1]["findings"]) == len(maps[0]["findings"]) + 1  # a number that was cut may look plausible
-
-
-def test_a_last_line_that_is_cut_is_no_point(cfid: Cfid, tmp_path: Path) -> None:
-    found = []
-    for name, end in (("without", ""), ("cut", "\n655")):
-        (tmp_path / f"{name}.csv").write_text("\n".join(STAND[:-1]) + (end or "\n"))
-        found.append(json.loads(cfid("fit", "thrust", "--table", tmp_path / f"{name}.csv", "--json").stdout))
-    assert found[0]["parameters"] == found[1]["parameters"]
+    assert whole["parameters"] == unended["parameters"]
+    assert len(unended["findings"]) == len(whole["findings"]) + 1  # a number that was cut may look plausible
+    assert shorter["parameters"] == cut["parameters"]
 
 
 def test_a_half_written_last_row_of_a_run_that_was_cut_is_left_out(cfid: Cfid, tmp_path: Path) -> None:
@@ -77,23 +57,3 @@ def test_a_half_written_last_row_of_a_run_that_was_cut_is_left_out(cfid: Cfid, t
     shown = json.loads(cfid("show", run.folder, "--json").stdout)["parameters"]
 
     assert shown["recording.crazyflie.samples"]["value"] == whole.count(b"\n") - 2
-
-
-def test_figures_outside_a_campaign_are_drawn_on_request_into_the_current_folder(cfid: Cfid, tmp_path: Path) -> None:
-    data = tmp_path / "data"
-    data.mkdir()
-    (data / "stand.csv").write_text("\n".join(STAND) + "\n")
-    t = np.arange(0, 20, 0.01)
-    swing = np.column_stack([t, 0.3 * np.exp(-0.02 * t) * np.cos(5 * t)])
-    np.savetxt(data / "swing.csv", swing, delimiter=",", header="t_s,phi_rad", comments="", fmt="%.7f")
-    before, here = sorted(data.iterdir()), sorted(tmp_path.iterdir())
-    commands = (("fit", "thrust", "--table", data / "stand.csv"), ("fit", "swing", data / "swing.csv"))
-    for command in commands:
-        assert cfid(*command).returncode == 0
-    assert sorted(data.iterdir()) == before
-    assert sorted(tmp_path.iterdir()) == here
-
-    for command in commands:
-        assert cfid(*command, "--figures").returncode == 0
-    assert sorted(data.iterdir()) == before
-    assert len(list(tmp_path.glob("*.png"))) >= len(commands)

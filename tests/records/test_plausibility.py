@@ -8,12 +8,11 @@ import pytest
 from cfid.errors import FitError
 from cfid.findings import rejection
 from cfid.quantities.plausible import implausible
-from cfid.records.campaign import Campaign
-from cfid.records.files import RIG_FILE
 from cfid.records.parameters import Parameter
 from cfid.records.plausibility import judged
 from cfid.records.result import Result
-from cfid.records.rig_file import Rig, load_rig, new_rig_text, thesis_rig
+from cfid.records.rig_file import Rig, thesis_rig
+from tests.lab import new_campaign
 
 
 def of(platform: str) -> Rig:
@@ -77,8 +76,7 @@ def test_physics_holds_for_another_body_too() -> None:
 
 
 def test_a_campaign_keeps_what_is_implausible_by_force_alone_and_marks_it(tmp_path: Path) -> None:
-    (tmp_path / RIG_FILE).write_text(new_rig_text())
-    campaign = Campaign(folder=tmp_path, rig=load_rig(tmp_path / RIG_FILE))
+    campaign = new_campaign(tmp_path)
     most = result("motor.max_thrust_n", 15.0)
     with pytest.raises(FitError, match=r"15\.0 N: "):
         campaign.keep(most)

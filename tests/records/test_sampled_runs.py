@@ -1,7 +1,5 @@
 """Runs of instruments that sample by themselves: gaps are reported, and a slow rate is no wrong unit."""
 
-from collections.abc import Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -11,42 +9,28 @@ import pytest
 from cfid.errors import DataError
 from cfid.recordings.angle import angle_record
 from cfid.recordings.read import read_recording
-from cfid.recordings.wrench import wrench_of
-from cfid.records.run import DeviceRecord, Label
-from cfid.records.run_writer import create_run
-
-EPOCH_S = 1_763_712_345.0
-
-
-def recorded(folder: Path, device: str, columns: Sequence[Any], names: str, **facts: Any) -> Path:
-    record = DeviceRecord.model_validate({"file": f"{device}.csv", "columns": names.split(","), **facts})
-    with create_run(
-        folder / "runs",
-        kind=device,
-        label=Label(),
-        devices={device: record},
-        started=datetime.fromtimestamp(EPOCH_S, UTC),
-        cfid_version="0",
-    ) as writer:
-        writer.append(device, columns)
-        writer.close("complete")
-    return writer.folder
+from cfid.recordings.wrench import AXES, wrench_of
+from tests.lab import STARTED_S, made_run
 
 
 def encoder(folder: Path, *, rate_hz: float = 100, **facts: Any) -> Path:
-    time_s = EPOCH_S + np.arange(40) / rate_hz
-    return recorded(folder, "encoder", (time_s, np.arange(40)), "t,phi", counts_per_turn=8192.0, **facts)
+    columns = {"t": STARTED_S + np.arange(40) / rate_hz, "phi": np.arange(40)}
+    facts_of = {"encoder": {"counts_per_turn": 8192.0, **facts}}
+    return made_run(folder, "encoder", {"encoder": columns}, facts_of=facts_of).folder
 
 
 def loadcell(folder: Path, *, rate_hz: float) -> Path:
-    time_s = EPOCH_S + np.arange(40) / rate_hz
-    columns = (time_s, *np.arange(240).reshape(6, 40))
-    return recorded(folder, "loadcell", columns, "t,Fx,Fy,Fz,Tx,Ty,Tz", counts_per_n=1e6, counts_per_nm=1e6)
+    counts = dict(zip(AXES, np.arange(240).reshape(6, 40), strict=True))
+    columns = {"t": STARTED_S + np.arange(40) / rate_hz, **counts}
+    facts_of = {"loadcell": {"counts_per_n": 1e6, "counts_per_nm": 1e6}}
+    return made_run(folder, "loadcell", {"loadcell": columns}, facts_of=facts_of).folder
 
 
 def test_spans_in_which_an_encoder_gave_nothing_are_said(tmp_path: Path) -> None:
     reasons = ("no position came", "unplugged", "no position came")
-    gaps = [{"from_s": EPOCH_S + i, "to_s": EPOCH_S + i + 0.5, "reason": reason} for i, reason in enumerate(reasons)]
+    gaps = [
+        {"from_s": STARTED_S + i, "to_s": STARTED_S + i + 0.5, "reason": reason} for i, reason in enumerate(reasons)
+    ]
     folder = encoder(tmp_path, gaps=gaps)
 
     notes = angle_record(folder).notes

@@ -17,7 +17,7 @@ from cfid.records.parameters_file import is_as_written, text_of
 from cfid.records.rig_file import new_rig_text, thesis_rig
 from cfid.records.stale import stale_in
 from cfid.records.values import Values, judging_weights, part_of
-from tests.lab import keep, values_of
+from tests.lab import keep
 
 MOST, HELD, POLY, CUBIC = (
     "motor.max_thrust_n", "motor.hover_mass_kg", "motor.thrust_poly", "motor.thrust_voltage_poly",
@@ -251,11 +251,6 @@ def test_a_withdrawn_fit_brings_the_next_best_back(folder: Path) -> None:
     assert taken(open_campaign(folder).values()) == 2
     withdraw(folder / "fits", better)
     assert taken(open_campaign(folder).values()) == 1
-
-
-def test_values_of_sections_are_those_of_their_fits() -> None:
-    found = values_of({"thrust": fit(1, GOOD).section})
-    assert [quantity.key for quantity in found] == [MOST, HELD]
 
 
 def test_values_of_a_simulated_rig_are_marked_in_the_file_for_people() -> None:
