@@ -113,17 +113,6 @@ def test_a_value_set_by_hand_counts_before_a_fit(cfid: Cfid, lab: Path) -> None:
     assert tomllib.loads(row)["motor.max_thrust_n"] == {"value": 0.15, "unit": "N", "from": "0002_set"}
 
 
-def test_an_edited_parameters_file_is_written_anew_with_a_note(cfid: Cfid, lab: Path) -> None:
-    path = lab / "parameters.toml"
-    before = path.read_text()
-    path.write_text(before[: len(before) // 2])
-    shown = cfid("parameters", folder=lab)
-
-    assert "parameters.toml was cut" in " ".join(shown.stderr.split())
-    assert path.read_text() == before
-    assert [kept.read_text() for kept in lab.glob("parameters.*.toml")] == [before[: len(before) // 2]]
-
-
 def test_a_fit_of_the_same_and_more_recordings_replaces_whatever_it_finds(cfid: Cfid, lab: Path) -> None:
     stand(lab / "noisy.csv", MANY, seed=3, noise_n=2e-3)
     certain = thrust(lab).parameters["motor.max_thrust_n"].std
@@ -131,13 +120,6 @@ def test_a_fit_of_the_same_and_more_recordings_replaces_whatever_it_finds(cfid: 
 
     assert (ended.returncode, json.loads(ended.stdout)["in_force"]) == (0, True)
     assert thrust(lab).parameters["motor.max_thrust_n"].std > 3 * certain
-
-
-def test_a_fit_of_recordings_that_changed_since_gives_way_to_any_other(cfid: Cfid, lab: Path) -> None:
-    stand(lab / "many.csv", MANY, seed=5)
-
-    assert cfid("fit", "thrust", "few.csv", "--no-figures", folder=lab).returncode == 0
-    assert thrust(lab).sources[0].path.endswith("few.csv")
 
 
 def test_a_fit_gives_way_once_one_of_its_runs_is_excluded(cfid: Cfid, bodies: Path) -> None:

@@ -1,7 +1,5 @@
 """Files of the caller or of a campaign that bear the names of modules are never run by a process that cfid starts."""
 
-import os
-import signal
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -11,8 +9,6 @@ import pytest
 
 from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import new_rig_text
-from tests.lab import ROOT
-from tests.rig_in_a_folder import wait_until
 
 NAMES = ("cfid", "queue", "struct")
 
@@ -46,30 +42,3 @@ def test_next_becomes_its_command_in_a_folder_with_foreign_modules(campaign: Pat
         assert "Traceback" not in ended.stderr
         assert ended.returncode not in (0, 1), ended.stderr  # its command ran, and found no instrument
     assert not any(file.exists() for file in ran)
-
-
-def test_the_fits_of_a_demo_run_in_a_folder_with_foreign_modules(tmp_path: Path) -> None:
-    folder = tmp_path / "demo"
-    words = [sys.executable, "-P", "-m", "cfid.cli.main", "demo", str(folder), "--no-figures"]
-    with subprocess.Popen(words, cwd=tmp_path, stderr=subprocess.DEVNULL) as demo:
-        wait_until((folder / RIG_FILE).exists, "the demo's campaign")
-        ran = [planted(folder), planted(tmp_path)]
-        wait_until(lambda: any((folder / "fits").glob("*")) or demo.poll() is not None, "the first fit")
-        demo.send_signal(signal.SIGINT)
-    assert any((folder / "fits").glob("*"))
-    assert not any(file.exists() for file in ran)
-
-
-def test_the_processes_of_a_fleet_run_in_a_folder_with_foreign_modules(campaign: Path, tmp_path: Path) -> None:
-    script = tmp_path / "script.py"
-    script.write_text(
-        "from tests.fleet.work import length; from cfid.fleet.workers import on_processes\n"
-        "if __name__ == '__main__': print(list(on_processes(length, ['bb'], number=1)))"
-    )
-    ran = planted(campaign)
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    ended = subprocess.run(
-        [sys.executable, script], cwd=campaign, env=environment, capture_output=True, text=True, check=False
-    )
-    assert ended.stdout == "[('bb', 2)]\n", ended.stderr
-    assert not ran.exists()

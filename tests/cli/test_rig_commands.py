@@ -117,7 +117,6 @@ def test_a_simulated_rig_ends_after_its_time(tmp_path: Path) -> None:
     ("words", "option"),
     [
         ("--fault loadcell.drop=1", "loadcell.drop"),
-        ("--spin 1,2,3", "--spin 1,2,3"),
         ("--for 0", "--for 0"),
         ("--axis q", "'q'"),
         ("--truth nowhere.toml", "nowhere.toml"),

@@ -2,46 +2,30 @@
 
 import json
 import subprocess
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from cfid.records.run import DeviceRecord, Label
-from cfid.records.run_writer import create_run
-from tests.lab import Cfid, sentences
+from cfid.recordings.wrench import AXES
+from tests.lab import STARTED_S, Cfid, made_run, sentences
 
 TIMING = ("samples", "duration_s", "median_interval_s", "longest_interval_s")
 WRENCH = ("mean_n", "std_n", "mean_nm", "std_nm")
-EPOCH_S = 1_763_712_345.0
 TIME_S = np.arange(3500) / 7000
 FORCES = np.array([100_000, -200_000, 1_500_000, 1_000, 2_000, -3_000])
 COUNTS = FORCES + np.random.default_rng(1).integers(-500, 501, (len(TIME_S), 6))
-LOADCELL = DeviceRecord.model_validate(
-    {
-        "file": "loadcell.csv",
-        "columns": ("t", "Fx", "Fy", "Fz", "Tx", "Ty", "Tz", "rdt_sequence", "ft_sequence", "status"),
-        "counts_per_n": 1e6,
-        "counts_per_nm": 1e6,
-    }
-)
 HEAD = "t,Fx_counts,Fy_counts,Fz_counts,Tx_counts,Ty_counts,Tz_counts"
-ENCODER = DeviceRecord(file="encoder.csv", columns=("t", "phi"), counts_per_turn=8192.0)
 
 
 def recorded(folder: Path, *, angle: bool = False, forces: bool = True) -> Path:
-    devices = {"loadcell": LOADCELL} | ({"encoder": ENCODER} if angle else {})
-    started = datetime(2026, 11, 21, 8, 30, 12, tzinfo=UTC)
-    how: dict[str, Any] = {"started": started, "cfid_version": "0", "simulated": True}
-    with create_run(folder / "runs", kind="loadcell", label=Label(), devices=devices, **how) as writer:
-        if forces:
-            count = np.arange(len(TIME_S))
-            writer.append("loadcell", (EPOCH_S + TIME_S, *COUNTS.T, count + 1, count, 0 * count))
-        if angle:
-            writer.append("encoder", (EPOCH_S + TIME_S[::7], np.arange(len(TIME_S[::7]))))
-    return writer.folder
+    time_s, counts = (TIME_S, COUNTS) if forces else (TIME_S[:0], COUNTS[:0])
+    columns = {"loadcell": {"t": STARTED_S + time_s, **dict(zip(AXES, counts.T, strict=True))}}
+    if angle:
+        columns["encoder"] = {"t": STARTED_S + TIME_S[::7], "phi": np.arange(len(TIME_S[::7]))}
+    facts_of = {"loadcell": {"counts_per_n": 1e6, "counts_per_nm": 1e6}, "encoder": {"counts_per_turn": 8192.0}}
+    return made_run(folder, "loadcell", columns, facts_of=facts_of, simulated=True).folder
 
 
 def bare(path: Path, values: np.ndarray[Any, Any] = COUNTS, form: str = "%d") -> Path:
@@ -66,7 +50,7 @@ def test_a_load_cell_run_is_told_in_newtons(cfid: Cfid, tmp_path: Path) -> None:
     assert content["recording.mean_nm"]["value"] == pytest.approx([0.001, 0.002, -0.003], abs=1e-4)
     assert content["recording.std_n"]["value"] == pytest.approx([2.89e-4] * 3, rel=0.1)
     assert len(content["recording.std_nm"]["value"]) == 3
-    assert sentences(result) == ["2026-11-21_083012_loadcell: recorded on the simulated rig."]
+    assert sentences(result) == ["2026-11-21_080000_loadcell: recorded on the simulated rig."]
 
 
 def test_a_bare_file_is_told_from_a_swing_by_its_columns(cfid: Cfid, tmp_path: Path) -> None:

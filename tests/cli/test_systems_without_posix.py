@@ -41,7 +41,6 @@ def test_a_campaign_is_fitted_shown_reported_and_exported(bodies: Path) -> None:
         "runs", "runs note last looked-at", "show last --no-figures", f"fit swing {swing} --no-figures",
         "fit inertia --no-figures", "set arm_m 0.046", "parameters", "status", "report",
         "export json --out vehicle.json", "convert last --to csv --out run.csv", "fleet .",
-        "fleet fit . --out refitted --jobs 1", "report --format md", "report --format tex",
         folder=bodies,
     )  # fmt: skip
 
@@ -52,12 +51,11 @@ def test_a_campaign_is_fitted_shown_reported_and_exported(bodies: Path) -> None:
 
 @pytest.mark.parametrize(
     "command",
-    ["log encoder", "log thrust --yes", "log ping", "rig check", "rig sim", "motors stop", "motors set 10000"],
+    ["log encoder", "rig check", "rig sim", "motors stop"],
 )
 def test_what_reaches_devices_names_what_is_missing(bodies: Path, command: str) -> None:
     ended = cfid(command, folder=bodies)
 
     assert ended.returncode == 3
-    assert ended.stderr.startswith("cfid: this system's Python has no fcntl, pwd, termios, tty: ")
-    assert "Record there and copy the campaign" in ended.stderr
+    assert "fcntl, pwd, termios, tty" in ended.stderr
     assert ended.stdout == ""

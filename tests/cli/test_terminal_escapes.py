@@ -2,24 +2,21 @@
 
 import json
 import subprocess
-from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
 
 from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import new_rig_text
-from cfid.records.run import DeviceRecord, Label
-from cfid.records.run_writer import create_run
-from tests.lab import Cfid
+from cfid.records.run import Label
+from tests.lab import Cfid, made_run, new_campaign
 
 EVIL = "\x1b]0;owned\x07\x1b[2J\x9b31m\r[/red]\u202e"
 
 
 @pytest.fixture
 def campaign(tmp_path: Path) -> Path:
-    (tmp_path / RIG_FILE).write_text(new_rig_text())
-    return tmp_path
+    return new_campaign(tmp_path).folder
 
 
 def harmless(said: subprocess.CompletedProcess[str]) -> bool:
@@ -49,19 +46,24 @@ def test_json_for_a_file_has_escapes_where_it_is_printed(cfid: Cfid, campaign: P
 def test_reasons_and_names_of_runs_are_printed_without_escapes_and_begin_no_line_of_their_own(
     cfid: Cfid, campaign: Path
 ) -> None:
-    devices = {"encoder": DeviceRecord(file="encoder.csv", columns=("t", "phi"))}
-    with create_run(
-        campaign / "runs",
-        kind="swing",
-        label=Label(axis="x"),
-        devices=devices,
-        started=datetime(2026, 11, 21, tzinfo=UTC),
-        cfid_version="0",
-    ) as run:
-        run.append("encoder", ([1.0, 2.0], [3, 4]))
-    assert cfid("runs", "exclude", "last", "--because", f"{EVIL}\nFORGED", folder=campaign).returncode == 0
-    for words in (("status",), ("runs",), ("show", "last"), ("fit", "swing", "last"), ("report", "--format", "md")):
-        said = cfid(*words, folder=campaign)
+    place = campaign / f"lab{EVIL.replace('/', '')}"
+    new_campaign(place, ('name = "', 'name = "\\u001b[2J\\u0007'))
+    made_run(place, "swing", {"encoder": {"t": [1.0, 2.0], "phi": [3, 4]}}, label=Label(axis="x"))
+    assert cfid("set", "mass_kg", "0.03", folder=place).returncode == 0
+    for words in (
+        ("runs", "note", "last", EVIL),
+        ("runs", "exclude", "last", "--because", f"{EVIL}\nFORGED"),
+        ("status",),
+        ("runs",),
+        ("show", "last", "--no-figures"),
+        ("fit", "swing", "last"),
+        ("fits",),
+        ("parameters",),
+        ("export", "list"),
+        ("report", "--format", "md"),
+        ("fleet", place, "--details"),
+    ):
+        said = cfid(*words, folder=place)
         assert harmless(said), (words, said.stdout, said.stderr)
         assert not any(line.startswith("FORGED") for line in (said.stdout + said.stderr).splitlines())
 
