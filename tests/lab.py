@@ -9,7 +9,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-import numpy.typing as npt
 import pandas as pd
 import pytest
 
@@ -85,7 +84,7 @@ def new_campaign(folder: Path, *changes: tuple[str, str]) -> Campaign:
 def made_run(
     folder: Path,
     kind: str,
-    devices: Mapping[str, Mapping[str, npt.ArrayLike]],
+    devices: Mapping[str, Mapping[str, Any]],
     *,
     facts_of: Mapping[str, Mapping[str, Any]] = {},
     state: State = "complete",
@@ -103,7 +102,7 @@ def made_run(
     with create_run(folder / "runs", kind=kind, devices=records, **(usual | more)) as writer:
         for name, columns in devices.items():
             rows = tuple(columns.values())
-            if len(rows[0]):  # type: ignore[arg-type]
+            if len(rows[0]):
                 writer.append(name, rows)
         return writer.close(state)
 
