@@ -118,7 +118,7 @@ def is_withdrawn(folder: Path, fit: Fit) -> bool:
 
 
 def _as_json(fit: Fit) -> bytes:
-    content = {"format": FORMAT} | plain(asdict(fit)) | {"findings": [one.as_json() for one in fit.findings]}
+    content = {"format": FORMAT} | plain(asdict(fit))
     del content["stem"]
     text = json.dumps(content, indent=1, allow_nan=False, default=_text, ensure_ascii=False)
     return text.encode("utf-8", "replace")
@@ -161,7 +161,7 @@ def _content(path: Path) -> Any:
     check_format(path, content.pop("format", None), oldest=_OLDEST, newest=FORMAT)
     if isinstance(findings := content.get("findings"), list):
         content["findings"] = [
-            {"sentence" if key == "text" else key: value for key, value in finding.items()}
+            {"sentence" if key == "text" else key: value for key, value in finding.items()}  # as version 0.2 wrote it
             if isinstance(finding, dict)
             else finding
             for finding in findings
