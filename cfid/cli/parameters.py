@@ -106,13 +106,14 @@ def _print_candidates(values: "Values", key: str, *, json: bool) -> None:
     from rich.box import SIMPLE
     from rich.table import Column, Table
 
-    from cfid.console.tables import print_table, value_and_deviation
+    from cfid.console.tables import print_table
+    from cfid.quantities.rounding import value_and_std
 
     table = Table(
         Column("fit", overflow="fold"), "value", "std", "over aim", "taken", "why", box=SIMPLE, pad_edge=False
     )
     for each, parameter in zip(candidates, parameters, strict=True):
-        texts = [value_and_deviation(number.value, number.std) for number in parameter.numbers(key)]
+        texts = [value_and_std(number.value, number.std) for number in parameter.numbers(key)]
         value, std = ("\n".join(column) for column in zip(*texts, strict=True)) if texts else ("-", "-")
         over_aim = "-" if each.over_aim is None else f"{each.over_aim:.2g}"
         table.add_row(each.fit.stem, value, std, over_aim, "yes" if each.taken else "no", each.why)

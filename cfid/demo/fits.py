@@ -12,8 +12,8 @@ from rich.table import Table
 
 from cfid.console.messages import echo, headline, result
 from cfid.console.processes import cfid_command
-from cfid.console.tables import value_and_deviation
 from cfid.errors import FitError
+from cfid.quantities.rounding import value_and_std
 from cfid.records.campaign import Campaign
 from cfid.records.run import Run, list_runs
 from cfid.records.values import Values
@@ -120,9 +120,7 @@ def print_comparison(campaign: Campaign, truth: Mapping[str, float]) -> None:
         table.add_column(heading, justify="right", no_wrap=True)
     rows = list(compared(campaign.values(), truth))
     for name, true, value, std in rows:
-        table.add_row(
-            name, f"{true:.5g}", *value_and_deviation(value, std), "yes" if covers(true, value, std) else "no"
-        )
+        table.add_row(name, f"{true:.5g}", *value_and_std(value, std), "yes" if covers(true, value, std) else "no")
     Console().print(table)
     inside = sum(covers(true, value, std) for _, true, value, std in rows)
     result(

@@ -160,15 +160,16 @@ def drag_merits(models: DragModels, quantities: Mapping[str, Parameter]) -> dict
         "kappa_4_times": None,
         "unresolved": (),
         "normalised_squared": None,
-        "models": {
-            name: {
+        "models": [
+            {
+                "model": name,
                 "bic": models.bic[name],
                 "condition": fit.condition,
                 "degrees_of_freedom": fit.degrees_of_freedom,
                 "noise_scale": fit.noise_scale,
             }
             for name, fit in models.fits.items()
-        },
+        ],
     }
     if cross is not None:
         merits["kappa_4_times"] = "|v_xy|" if cross.model is CROSS_MENDED else "v_x + v_y"

@@ -13,11 +13,12 @@ from rich.markup import escape
 from rich.table import Table
 
 from cfid.console.messages import printable
-from cfid.console.tables import UNLIMITED, print_table, value_and_deviation
+from cfid.console.tables import UNLIMITED, print_table
 from cfid.counted import counted
 from cfid.errors import ConfigError
 from cfid.fleet.comparison import ComparedNumber
 from cfid.fleet.summary import Summary
+from cfid.quantities.rounding import value_and_std
 from cfid.records import lab_book
 from cfid.records.files import refuse_kept, write_new
 
@@ -90,7 +91,7 @@ def print_details(comparisons: Sequence[ComparedNumber], summaries: Sequence[Sum
         console.print(f"[bold]{_cell(one.name)}[/bold], {_cell(one.unit)}", highlight=False)
         for number, (summary, known) in enumerate(zip(summaries, one.values, strict=True), 1):
             if known is not None:
-                value, std = value_and_deviation(known.value, known.std)
+                value, std = value_and_std(known.value, known.std)
                 mark = "  rejected" if not known.accepted else "  outlier" if summary.name in one.outliers else ""
                 console.print(f"  {number:3}  {value} +- {std}{mark}", highlight=False)
 
@@ -181,10 +182,10 @@ def _figures(one: ComparedNumber) -> tuple[str, str, str]:
     found = one.repeats
     if found is None:
         alone = next((known for known in one.values if known is not None and known.accepted), None)
-        return value_and_deviation(alone and alone.value, alone and alone.std)[0], "", ""
+        return value_and_std(alone and alone.value, alone and alone.std)[0], "", ""
     expected = "" if one.expected_scatter is None else f"{one.expected_scatter:.2g}"
     scatter = f"{found.scatter:.2g}{'' if found.agree else ' *'}"
-    return value_and_deviation(found.mean, found.mean_std)[0], scatter, expected
+    return value_and_std(found.mean, found.mean_std)[0], scatter, expected
 
 
 def _remarks(one: ComparedNumber, *, of: int) -> list[str]:

@@ -12,7 +12,7 @@ from cfid.estimate.linear import weighted_mean
 from cfid.findings import Finding, rejection, warning
 from cfid.inertia.data import Peaks, Swing, measure
 from cfid.inertia.matrix import MATRIX, InertiaFit, distances_apart, fit_inertia
-from cfid.quantities.values import PRODUCTS
+from cfid.quantities.values import ENTRIES, PRODUCTS
 from cfid.records.covariances import covariance_between
 from cfid.records.parameters import Parameter
 from cfid.records.plausibility import (
@@ -154,7 +154,13 @@ def _matrix_merits(fit: InertiaFit) -> dict[str, Any]:
         "consistent": fit.raw_matrix_kg_m2 is None,
         "raw_matrix_kg_m2": Dependent(fit.raw_matrix_kg_m2, MATRIX),
         "condition": fit.condition,
-        "budget_kg_m2": Dependent(dict(fit.budget), MATRIX),
+        "budget_kg_m2": Dependent(
+            [
+                {"input": name, **{entry: float(share[place]) for entry, place in ENTRIES.items()}}
+                for name, share in fit.budget.items()
+            ],
+            MATRIX,
+        ),
     }
 
 

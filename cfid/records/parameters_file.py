@@ -12,6 +12,7 @@ import tomlkit
 from tomlkit.items import InlineTable, Table
 
 from cfid.quantities.registry import find, is_of_the_run, unit_of
+from cfid.quantities.rounding import value_and_std
 from cfid.quantities.values import is_rows
 from cfid.records.covariances import numbers_of, shaped_as
 from cfid.records.files import RIG_FILE
@@ -23,7 +24,6 @@ from cfid.records.values import Quantity, Values
 FORMAT = 3  # formats 1 and 2 held the numbers themselves
 _SEAL = "# checksum: "
 _SERIES = "tf.series."
-_DIGITS = 7  # of a value without a standard uncertainty
 
 
 def text_of(values: Values, *, name: str, version: str, simulated: Collection[str] = ()) -> str:
@@ -118,6 +118,4 @@ def _rounded(value: Any, std: Any) -> Any:
     """Return a number without the digits below the second one of its standard uncertainty, nan for an unknown one."""
     if not isinstance(value, float):
         return math.nan if value is None else value
-    if not isinstance(std, int | float) or not std or not math.isfinite(value) or not math.isfinite(std):
-        return float(f"{value:.{_DIGITS}g}")
-    return round(value, 1 - math.floor(math.log10(std)))
+    return float(value_and_std(value, std)[0])

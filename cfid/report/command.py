@@ -37,9 +37,9 @@ def report(
     from datetime import UTC, datetime
 
     from cfid.errors import ConfigError
-    from cfid.report.content import gather
-    from cfid.report.formats.render import rendered
-    from cfid.report.formats.sealed import write_report
+    from cfid.report.build import build
+    from cfid.report.render import rendered
+    from cfid.report.sealed import write_report
 
     found = here(campaign)
     formats: dict[str, Format] = {"": "html", **{f".{one}": one for one in get_args(Format)}}
@@ -50,9 +50,9 @@ def report(
     if chosen is None:
         raise ConfigError(f"--out {out}: should end in {', '.join(filter(None, formats))}, or --format name one.")
     path = out or found.folder / f"report.{chosen}"
-    content = gather(found, now=datetime.now(UTC), kind=kind)
+    content = build(found, now=datetime.now(UTC), kind=kind)
     write_report(path, rendered(content, chosen, found.folder), force=force)
-    disagreements = [finding.text for one in content.agreements for finding in one.findings]
-    for sentence in (*content.unreadable, *disagreements):
+    disagreements = [agreement["finding"] for agreement in content["agreements"] if agreement["finding"]]
+    for sentence in (*content["unreadable"], *disagreements):
         note(sentence)
     echo(path)

@@ -1,84 +1,58 @@
-"""The results of each experiment from its valid fit: verdict, figures, tables, findings and sources."""
+"""The results of each experiment from its valid fit: verdict, numbers, figures, tables, findings and sources."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from datetime import datetime
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 from cfid.experiments import EXPERIMENTS
-from cfid.findings import Finding, begun, rejection, texts
+from cfid.findings import begun, rejection, texts
+from cfid.quantities.registry import find
+from cfid.quantities.values import is_rows
 from cfid.records.files import lies_in
 from cfid.records.fits import Fit
-from cfid.records.parameters import Source
+from cfid.records.parameters import Section, plain
+from cfid.records.uncertain import OWN_FIT, number_of, parts_of
 from cfid.records.values import Values
-from cfid.report.measurements import Measurement
-from cfid.report.sheet import Row
-from cfid.report.tables import ReportTable, parameter_tables, quality_tables
+from cfid.report.repeats import Measurement
+from cfid.report.sheet import number_rows
 
 _KINDS = list(EXPERIMENTS)
-
-
-@dataclass(frozen=True)
-class Experiment:
-    """One measurement; the paths of its figures and sources are relative to the campaign's folder."""
-
-    name: str
-    title: str
-    command: str
-    method: str
-    found: datetime
-    cfid_version: str
-    accepted: bool
-    findings: tuple[Finding, ...]
-    parameters: tuple[Row, ...]
-    tables: tuple[ReportTable, ...]
-    lines: tuple[str, ...]
-    figures: tuple[str, ...]
-    notes: tuple[str, ...]
-    sources: tuple[Source, ...]
-
-    @property
-    def rejections(self) -> tuple[str, ...]:
-        """The reasons why quantities of the experiment were rejected."""
-        return tuple(map(begun, texts(self.findings, "rejection")))
-
-    @property
-    def remarks(self) -> tuple[str, ...]:
-        """The warnings, followed by the notes."""
-        return tuple(map(begun, (*texts(self.findings, "warning"), *texts(self.findings, "note"))))
-
-    @property
-    def anchor(self) -> str:
-        """The target of links to the experiment."""
-        stem = "".join(letter if letter.isalnum() else "-" for letter in self.name)
-        first = self.sources[0].sha256[:8] if self.sources else "0"
-        return f"{stem}-{self.found:%Y%m%d%H%M%S}-{first}"  # the hash separates fits of the same second
+_MOST_PARTS = 3  # of a variance: smaller parts are summed as others
+_TITLES = {
+    "budget_kg_m2": "uncertainty budget: what each input adds to the standard uncertainty, kg m^2",
+    "swings": "swings: window and verdict of each",
+    "mounts": "mounts: distances, and where an error in them does not matter",
+    "models": "models compared",
+}
 
 
 def experiments_of(
-    measured: Mapping[str, Sequence[Measurement]],
-    fits: Iterable[Fit],
-    values: Values,
-    folder: Path,
-) -> tuple[Experiment, ...]:
+    measurements: Mapping[str, Sequence[Measurement]], values: Values, folder: Path
+) -> list[dict[str, Any]]:
     """Return all measurements in the order of the thesis' chapters, of each kind that in force first, then the latest.
 
-    Figures outside `folder`, the campaign's, are left out with a note.
+    Paths are relative to `folder`, the campaign's; figures outside of it are left out with a note.
     """
+    fits = [fit for fit in values.fits if fit.section.parameters]
     drawn_by = {figure: fit for fit in fits for figure in fit.figures}  # a later fit replaces an earlier one's figures
-    kinds, held = sorted(measured, key=_place), values.in_force
-    return tuple(
-        _experiment(one, drawn_by, values.outdated(one.fit), folder, held[kind])
-        for kind in kinds
-        for one in sorted(measured[kind], key=lambda one: (one.fit is held[one.fit.name], one.fit.order))[::-1]
-    )
+    experiments = []
+    for kind in sorted(measurements, key=_place):
+        held = values.in_force[kind]
+        latest_first = sorted(measurements[kind], key=lambda each: (each.fit is held, each.fit.order), reverse=True)
+        experiments += [_experiment(each, held, drawn_by, values, folder) for each in latest_first]
+    return experiments
 
 
 def title_of(name: str) -> str:
-    """Return the title of a kind of fit, such as `swing x` for the swing about x."""
+    """Return the title of a kind of fit, such as `Swing x` for the swing about x."""
     kind, _, rest = name.partition(" ")
-    title = EXPERIMENTS[kind].title if kind in EXPERIMENTS else kind
-    return f"{title} {rest}".rstrip()
+    return f"{EXPERIMENTS[kind].title if kind in EXPERIMENTS else kind} {rest}".rstrip()
+
+
+def stems_of(figures: Iterable[str]) -> list[str]:
+    """Return the paths of figures without suffix, each once, since a figure is stored as both a PNG and an SVG file."""
+    return list(dict.fromkeys(figure.removesuffix(".png").removesuffix(".svg") for figure in figures))
 
 
 def _place(name: str) -> int:
@@ -87,60 +61,94 @@ def _place(name: str) -> int:
 
 
 def _experiment(
-    measurement: Measurement, drawn_by: Mapping[str, Fit], stale: tuple[str, ...], folder: Path, held: Fit
-) -> Experiment:
-    fit = measurement.fit
-    other = "earlier" if fit.order < held.order else "not in force"
-    title = title_of(fit.name) + ("" if fit is held else f", {other}: {fit.section.found:%Y-%m-%d %H:%M}")
+    measurement: Measurement, held: Fit, drawn_by: Mapping[str, Fit], values: Values, folder: Path
+) -> dict[str, Any]:
+    fit, section = measurement.fit, measurement.fit.section
+    other = "" if fit is held else ", earlier" if fit.order < held.order else ", not in force"
     own = [figure for figure in fit.figures if drawn_by.get(figure) is fit]
     inside = [figure for figure in own if lies_in(folder, folder / figure)]
-    outside = [figure for figure in own if figure not in inside]
-    return Experiment(
-        name=fit.name,
-        title=title,
-        command=fit.command,
-        method=fit.section.method,
-        found=fit.section.found,
-        cfid_version=fit.section.cfid_version,
-        accepted=fit.section.accepted,
-        findings=(*fit.findings, *(rejection("stale", text) for text in stale)),
-        parameters=tuple(
-            Row(f"{key} {entry.place}".rstrip(), entry.value, entry.std, parameter.unit)
-            for key, parameter in fit.section.parameters.items()
-            for entry in parameter.numbers(key)
-        ),
-        tables=(*quality_tables(fit.quality), *parameter_tables(fit.section.parameters)),
-        lines=fit.lines,
-        figures=tuple(inside),
-        notes=(
-            *_replaced(measurement),
-            *_drawn_over(len(stems_of(fit.figures)) - len(stems_of(own))),
-            *_outside(stems_of(outside)),
-        ),
-        sources=fit.section.sources,
+    outside = stems_of(figure for figure in own if figure not in inside)
+    findings = (*fit.findings, *(rejection("stale", text) for text in values.outdated(fit)))
+    return {
+        "name": fit.name,
+        "title": title_of(fit.name) + (f"{other}: {section.found:%Y-%m-%d %H:%M}" if other else ""),
+        "command": fit.command,
+        "method": section.method,
+        "found": section.found.isoformat(),
+        "cfid_version": section.cfid_version,
+        "accepted": section.accepted,
+        "findings": [asdict(finding) for finding in findings],
+        "rejections": [begun(text) for text in texts(findings, "rejection")],
+        "remarks": [begun(text) for text in (*texts(findings, "warning"), *texts(findings, "note"))],
+        "parameters": [
+            row
+            for key, parameter in section.parameters.items()
+            for row in number_rows(key, list(parameter.numbers(key)), parameter.unit)
+        ],
+        "tables": list(_tables(fit)),
+        "lines": list(fit.lines),
+        "figures": inside,
+        "notes": list(_notes(measurement.replaced, len(stems_of(fit.figures)) - len(stems_of(own)), outside)),
+        "sources": [asdict(source) for source in section.sources],
+    }
+
+
+def _notes(replaced: int, drawn_over: int, outside: Sequence[str]) -> Iterator[str]:
+    if replaced:
+        others = "Another fit of the same recordings is" if replaced == 1 else f"{replaced} other fits"
+        yield others + (" not shown: this one counts." if replaced == 1 else " of the same recordings are not shown.")
+    if drawn_over:
+        yield f"{drawn_over} of its figures {'was' if drawn_over == 1 else 'were'} replaced by a later fit's."
+    if outside:
+        yield f"Not shown, since a report reads figures of the campaign's folder alone: {', '.join(outside)}."
+
+
+def _tables(fit: Fit) -> Iterator[dict[str, Any]]:
+    """Yield a fit's figures of quality in one table, then its lists of rows, and what its uncertainties come from."""
+    quality = {name: plain(value) for name, value in fit.quality.items() if name != "common_causes"}
+    figures = {name: value for name, value in quality.items() if not is_rows(value)}
+    single = [[name.replace("_", " "), value] for name, value in _flat(figures) if value not in (None, [])]
+    if single:
+        yield {"title": "quality of the fit", "columns": ["figure", "value"], "rows": single}
+    parameters = {key: plain(parameter.value) for key, parameter in fit.section.parameters.items()}
+    for name, rows in (*quality.items(), *parameters.items()):
+        if is_rows(rows):
+            quantity, columns = find(name), list(dict.fromkeys(column for row in rows for column in row))
+            yield {
+                "title": _TITLES.get(name, name.replace("_", " ")) if quantity is None else quantity.title,
+                "columns": [column.replace("_", " ") for column in columns],
+                "rows": [[row.get(column) for column in columns] for row in rows],
+            }
+    if causes := [[key, parts] for key in parameters if (parts := _causes(fit.section, key))]:
+        title = "what uncertainties come from: parts of the variance, the mean over a quantity's numbers"
+        yield {"title": title, "columns": ["quantity", "parts"], "rows": causes}
+
+
+def _flat(content: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the entries of nested mappings, each with the names on the way to it."""
+    for name, value in content.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{before}{name} ")
+        else:
+            yield f"{before}{name}", value
+
+
+def _causes(section: Section, key: str) -> str:
+    """Return the largest parts of a parameter's variance by cause, "" if it shares none with other fits.
+
+    The fit's file has the standard uncertainty of each number from each cause.
+    """
+    moved = {cause: effects[key] for cause, effects in section.common.items() if key in effects}
+    count = max((len(effects) for effects in moved.values()), default=0)
+    numbers = [number_of(section, key, [float(other == place) for other in range(count)]) for place in range(count)]
+    uncertain = [number for number in numbers if number.std_dev > 0]
+    parts: dict[str, float] = {}
+    for number in uncertain:
+        for cause, std in parts_of(number).items():
+            parts[cause] = parts.get(cause, 0.0) + (std / number.std_dev) ** 2 / len(uncertain)
+    largest = sorted(parts.items(), key=lambda part: -part[1])
+    named = [*largest[:_MOST_PARTS], ("others", sum(share for _, share in largest[_MOST_PARTS:]))]
+    shares = {cause: f"{100 * share:.0f} %" for cause, share in named}
+    return ", ".join(
+        f"{'fit' if cause == OWN_FIT else cause} {share}" for cause, share in shares.items() if share != "0 %"
     )
-
-
-def _replaced(measurement: Measurement) -> list[str]:
-    if not measurement.replaced:
-        return []
-    count = len(measurement.replaced)
-    fits = "Another fit" if count == 1 else f"{count} other fits"
-    return [f"{fits} of the same recordings {'is' if count == 1 else 'are'} not shown: this one counts."]
-
-
-def stems_of(figures: Iterable[str]) -> list[str]:
-    """Return the paths of figures without suffix, each once, since a figure is stored as both a PNG and an SVG file."""
-    return list(dict.fromkeys(figure.removesuffix(".png").removesuffix(".svg") for figure in figures))
-
-
-def _outside(stems: Sequence[str]) -> list[str]:
-    if not stems:
-        return []
-    return [f"Not shown, since a report reads figures of the campaign's folder alone: {', '.join(stems)}."]
-
-
-def _drawn_over(count: int) -> list[str]:
-    if not count:
-        return []
-    return [f"{count} of its figures {'was' if count == 1 else 'were'} replaced by a later fit's."]

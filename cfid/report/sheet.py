@@ -1,237 +1,259 @@
-"""The sheet of the thesis' appendix A for this vehicle: every parameter with uncertainty, interval, unit and origin.
+"""The sheet of the thesis' appendix A for this vehicle, and its main numbers in plain units.
 
-A missing quantity is listed with the command that determines it.
+Every parameter has its uncertainty, unit and origin; a missing one is listed with the command that determines it.
 """
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
-from datetime import datetime
+import math
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import PurePath
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from cfid.experiments import EXPERIMENTS
+from cfid.guide.certainty import percent
 from cfid.quantities.registry import Quantity, Shape, registered
+from cfid.quantities.rounding import value_and_std
 from cfid.quantities.values import Number, coefficient_units
+from cfid.records.covariances import numbers_of
 from cfid.records.files import RUNS_FOLDER
 from cfid.records.fits import BY_HAND
+from cfid.records.parameters import plain
 from cfid.records.values import Quantity as Value
-from cfid.records.values import Values
+from cfid.records.values import Values, judging_weights
+from cfid.wire.app import MIDDLE
 
-BARELY = 2.0  # standard uncertainties from zero; a nearer value is consistent with zero
+Content = dict[str, Any]
 
-
-@dataclass(frozen=True)
-class Row:
-    """One number: symbol, value, standard uncertainty and unit; None means unknown."""
-
-    symbol: str
-    value: float | None
-    std: float | None
-    unit: str
-
-    @property
-    def family(self) -> tuple[str, str]:
-        """The key of the numbers that share a power of ten when printed."""
-        return self.symbol.partition(" ")[0].partition("_")[0], self.unit
-
-    @property
-    def is_barely_there(self) -> bool:
-        """Whether the number is consistent with zero."""
-        return self.value is not None and self.std is not None and abs(self.value) < BARELY * self.std
-
-
-@dataclass(frozen=True)
-class ValueOrigin:
-    """How a quantity was found, and whether it was accepted, which is None for values stated by hand.
-
-    `recordings` counts runs of the campaign, and `files` counts the other files that were read.
-    """
-
-    how: str
-    found: datetime | None
-    recordings: int
-    files: int
-    accepted: bool | None
-    findings: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class SheetEntry:
-    """A quantity of the sheet: its numbers and their origin, or the command that determines it if it is missing."""
-
-    keys: tuple[str, ...]
-    title: str
-    equation: str
-    rows: tuple[Row, ...]
-    origin: ValueOrigin | None
-    missing: str
-
-    @property
-    def zeros(self) -> str:
-        """A sentence that names which of several accepted numbers are consistent with zero, "" if none are."""
-        if len(self.rows) < 2 or self.origin is None or self.origin.accepted is False:
-            return ""
-        terms: dict[str, list[Row]] = {}
-        for row in self.rows:
-            terms.setdefault(row.family[0], []).append(row)
-        names: list[str] = []
-        for term, rows in terms.items():
-            whole = len(terms) > 1 and all(row.is_barely_there for row in rows)
-            names += [term] if whole else [row.symbol.partition(" ")[0] for row in rows if row.is_barely_there]
-        if not names:
-            return ""
-        return f"Consistent with zero, within {BARELY:g} standard uncertainties: {', '.join(names)}."
-
-
-@dataclass(frozen=True)
-class SheetGroup:
-    """The quantities under one heading of the sheet."""
-
-    title: str
-    quantities: tuple[SheetEntry, ...]
+_BARELY = 2.0  # standard uncertainties from zero; a nearer value is consistent with zero
 
 
 class _Wanted(NamedTuple):
     """Quantities of one fit under one title, by default the title of the first quantity."""
 
+    group: str
     keys: tuple[str, ...]
     equation: str = ""
     title: str = ""
 
 
-def sheet_of(known: Values, *, wanted: Collection[str]) -> tuple[SheetGroup, ...]:
-    """Return the sheet; missing quantities are listed only for the `wanted` sections, those of the campaign's kind."""
-    groups = {
-        title: tuple(
-            _quantity(known, one)
-            for one in group
-            if registered(one.keys[0]).section in wanted or any(known.find(key) for key in one.keys)
-        )
-        for title, group in _GROUPS
-    }
-    groups["Inertia"] = (_mass(known), *groups["Inertia"])
-    shown = {title: quantities for title, quantities in groups.items() if quantities}
-    return (*(SheetGroup(title, quantities) for title, quantities in shown.items()), *_by_hand(known))
+_TF_KEYS = ("numerator", "denominator", "sample_time_s", "time_constant_s", "static_gain_n", "delay_s")
+_SHEET = (
+    _Wanted("Inertia", ("inertia.matrix_kg_m2",)),
+    _Wanted("Motors: mappings", ("motor.thrust_poly",), "f = Σ a_k cmd^k"),
+    _Wanted("Motors: mappings", ("motor.speed_poly",), "ω = Σ b_k cmd^k"),
+    _Wanted("Motors: mappings", ("motor.torque_poly",), "τ = Σ c_k f^k"),
+    _Wanted(
+        "Motors: transfer function",
+        tuple(f"tf.{name}" for name in _TF_KEYS),
+        "H(z) = (n_0 + n_1 z⁻¹ + …) / (1 + d_1 z⁻¹ + …)",
+        "Command to thrust, one motor",
+    ),
+    _Wanted("Drag", ("drag.simple_kg_per_rad",), "f = diag(K) Σω v"),
+    _Wanted(
+        "Drag",
+        tuple(f"drag.complex.k{i}" for i in range(1, 7)),
+        "f = K1 Σω v + K2 v² + K3 (Σω)² + K4 v + K5 Σω + K6, axis by axis",
+        "Complex model",
+    ),
+    _Wanted("Drag", ("drag.cross_coupling_kg_per_rad",), "f = K Σω v"),
+)
 
 
-def _mass(known: Values) -> SheetEntry:
-    vehicle = known.rig.vehicle
-    origin = ValueOrigin("as rig.toml states", None, 0, 0, None, ())
-    mass = registered("mass_kg")  # the report's JSON has another key for the mass
-    rows = (Row(mass.symbol, vehicle.mass_kg, vehicle.mass_std_kg or None, mass.unit),)
-    return SheetEntry(("vehicle.mass_kg",), "Mass", "", rows, origin, "")
+class _Main(NamedTuple):
+    """A main number: one of a quantity's numbers, by its `place`, or where None the value that it is judged by.
+
+    `scale` converts it from the quantity's unit to the plain `unit`.
+    """
+
+    title: str
+    key: str
+    place: int | None
+    scale: float
+    unit: str
 
 
-def _quantity(known: Values, wanted: _Wanted) -> SheetEntry:
-    """Return an entry from those of its quantities that are known; all come from one fit."""
-    first = registered(wanted.keys[0])
-    title = wanted.title or first.title[0].upper() + first.title[1:]
-    found = [(registered(key), one) for key in wanted.keys if (one := known.find(key)) is not None]
-    rows = tuple(row for quantity, one in found for row in _rows(quantity, list(one.parameter.numbers(quantity.key))))
-    if not rows:
-        missing = _why_missing(known, first.section)
-        return SheetEntry(wanted.keys, title, wanted.equation, (), None, missing)
-    origin = origin_of([value for _, value in found])
-    lacking = [key for key in wanted.keys if key not in [quantity.key for quantity, _ in found]]
-    missing = f"not found: {', '.join(lacking)}" if lacking else ""
-    return SheetEntry(wanted.keys, title, wanted.equation, rows, origin, missing)
+_MILLIONTH = "10⁻⁶ "
+_MAIN = (
+    *(_Main(f"Inertia about {axis}", "inertia.matrix_kg_m2", i, 1e6, "10⁻⁶ kg m²") for i, axis in enumerate("xyz")),
+    _Main("Viscous friction of the axis", "friction.viscous_nms_per_rad", 0, 1e6, "10⁻⁶ N m s/rad"),
+    _Main("Largest thrust of one motor", "motor.max_thrust_n", 0, 1e3, "mN"),
+    _Main("Mass that hovers at most", "motor.hover_mass_kg", 0, 1e3, "g"),
+    _Main(f"Rotor speed at command {MIDDLE:.0f}", "motor.speed_poly", None, 1.0, "rad/s"),
+    _Main("Torque over thrust of a rotor, in hover", "motor.torque_poly", None, 1e3, "mN m/N"),
+    _Main("Time constant of motor and rotor", "tf.time_constant_s", 0, 1e3, "ms"),
+    _Main("Round trip to the vehicle", "latency.rtt_mean_s", 0, 1e3, "ms"),
+    *(
+        _Main(f"Drag along {axis}, over speeds of rotors and wind", "drag.simple_kg_per_rad", i, 1e6, "10⁻⁶ kg/rad")
+        for i, axis in enumerate("xyz")
+    ),
+)
 
 
-def _why_missing(known: Values, section: str) -> str:
-    fit = known.in_force.get(section)
-    if fit is None:
-        return f"not measured yet: {EXPERIMENTS[section].measured_by}"
-    return f"the last `cfid {fit.command}` did not find it: see its experiment"
-
-
-def origin_of(values: Sequence[Value]) -> ValueOrigin:
-    """Return the origin of values that come from one fit."""
-    section = values[0].section
-    method = "" if section.method == "default" else f", method {section.method}"
-    paths = [PurePath(source.path) for source in section.sources]
-    in_runs = [path for path in paths if path.parts[:1] == (RUNS_FOLDER,)]
-    return ValueOrigin(
-        how=f"cfid {values[0].fit.command}{method}",
-        found=section.found,
-        recordings=len({path.parent for path in in_runs}),  # a run has a file for each device
-        files=len(set(paths)) - len(set(in_runs)),
-        accepted=all(value.accepted for value in values),
-        findings=(*dict.fromkeys(value.rejection for value in values if value.rejection), *values[0].outdated),
-    )
-
-
-def _by_hand(known: Values) -> tuple[SheetGroup, ...]:
-    entries = [
-        SheetEntry(
-            (value.key,),
-            value.key,
-            "",
-            tuple(Row(value.key, n.value, n.std, value.parameter.unit) for n in value.parameter.numbers(value.key)),
-            ValueOrigin("cfid set, by hand", value.section.found, 0, 0, None, ()),
-            "",
-        )
-        for value in known
+def sheet_of(values: Values, *, wanted: Collection[str]) -> list[Content]:
+    """Return the groups of the sheet; missing quantities are listed only for the `wanted` kinds of fit."""
+    groups: dict[str, list[Content]] = {"Inertia": [_mass(values)]}
+    for entry in _SHEET:
+        if registered(entry.keys[0]).section in wanted or any(values.find(key) for key in entry.keys):
+            groups.setdefault(entry.group, []).append(_entry(values, entry))
+    by_hand = [
+        {
+            "keys": [value.key],
+            "title": value.key,
+            "equation": "",
+            "rows": [_row(value.key, n.value, n.std, value.parameter.unit) for n in value.parameter.numbers(value.key)],
+            "origin": _stated("cfid set, by hand", value.section.found.isoformat()),
+            "zeros": "",
+            "missing": "",
+        }
+        for value in values
         if value.fit.name == BY_HAND
     ]
-    return (SheetGroup("Measured by hand", tuple(entries)),) if entries else ()
+    groups |= {"Measured by hand": by_hand} if by_hand else {}
+    return [{"title": title, "quantities": entries} for title, entries in groups.items()]
 
 
-def _rows(quantity: Quantity, found: list[Number]) -> list[Row]:
-    """Return the numbers of a quantity, each with its own symbol and unit."""
+def main_numbers(values: Values) -> Iterator[Content]:
+    """Yield numbers in plain units as text: title, value with its standard uncertainty, and the relative one."""
+    vehicle = values.rig.vehicle
+    yield _main("Mass", vehicle.mass_kg, vehicle.mass_std_kg or None, 1e3, "g")
+    arm, stated = values.rig.loadcell, values.find("arm_m")
+    if stated is not None:
+        yield _main("Arm", stated.parameter.value, stated.parameter.std, 1e3, "mm")
+    elif arm.arm_mm is not None:
+        yield _main("Arm", arm.arm_mm, arm.arm_std_mm or None, 1.0, "mm")
+    for row in _MAIN:
+        value = values.find(row.key)
+        if value is None:
+            continue
+        if not value.accepted:
+            yield {"title": row.title, "value": "rejected", "std": ""}
+            continue
+        count = len(numbers_of(row.key, plain(value.parameter.value)))
+        weights: Sequence[float] | None = [float(place == row.place) for place in range(count)]
+        if row.place is None:
+            weights = judging_weights(row.key, count, values.rig)
+        number = value.number(weights or [0.0] * count)
+        if math.isfinite(number.nominal_value):
+            yield _main(row.title, number.nominal_value, number.std_dev or None, row.scale, row.unit)
+
+
+def number_rows(key: str, numbers: Sequence[Number], unit: str) -> list[Content]:
+    """Return the numbers of a parameter under its key."""
+    return [_row(f"{key} {number.place}".rstrip(), number.value, number.std, unit) for number in numbers]
+
+
+def _main(title: str, value: float, std: float | None, scale: float, unit: str) -> Content:
+    shown, spread = value_and_std(scale * value, None if std is None else scale * std)
+    relative = "" if std is None or value == 0 else percent(std / abs(value))
+    if _is_barely_there(value, std):
+        relative = "consistent with zero"
+    text = shown if spread == "-" else f"{shown} ± {spread}"
+    if unit.startswith(_MILLIONTH):
+        text = text if spread == "-" else f"({text})"
+        return {"title": title, "value": f"{text}·{unit}", "std": relative}
+    return {"title": title, "value": f"{text} {unit}", "std": relative}
+
+
+def _is_barely_there(value: float | None, std: float | None) -> bool:
+    """Return whether a number is consistent with zero."""
+    return value is not None and std is not None and abs(value) < _BARELY * std
+
+
+def _row(symbol: str, value: float | None, std: float | None, unit: str) -> Content:
+    return {"symbol": symbol, "value": value, "std": std, "unit": unit}
+
+
+def _stated(how: str, found: str | None) -> Content:
+    return {"how": how, "found": found, "recordings": 0, "files": 0, "accepted": None, "findings": []}
+
+
+def _mass(values: Values) -> Content:
+    vehicle, mass = values.rig.vehicle, registered("mass_kg")
+    return {
+        "keys": ["vehicle.mass_kg"],
+        "title": "Mass",
+        "equation": "",
+        "rows": [_row(mass.symbol, vehicle.mass_kg, vehicle.mass_std_kg or None, mass.unit)],
+        "origin": _stated("as rig.toml states", None),
+        "zeros": "",
+        "missing": "",
+    }
+
+
+def _entry(values: Values, wanted: _Wanted) -> Content:
+    """Return an entry from those of its quantities that are known; all come from one fit."""
+    first = registered(wanted.keys[0])
+    known = [value for key in wanted.keys if (value := values.find(key)) is not None]
+    rows = [
+        row
+        for value in known
+        for row in _rows(registered(value.key), list(value.parameter.numbers(value.key)))
+    ]  # fmt: skip
+    fit = values.in_force.get(first.section)
+    if rows:
+        lacking = [key for key in wanted.keys if key not in [value.key for value in known]]
+        missing = f"not found: {', '.join(lacking)}" if lacking else ""
+    elif fit is None:
+        missing = f"not measured yet: {EXPERIMENTS[first.section].measured_by}"
+    else:
+        missing = f"the last `cfid {fit.command}` did not find it: see its experiment"
+    origin = _origin(known) if rows else None
+    return {
+        "keys": list(wanted.keys),
+        "title": wanted.title or first.title[0].upper() + first.title[1:],
+        "equation": wanted.equation,
+        "rows": rows,
+        "origin": origin,
+        "zeros": _zeros(rows) if origin is not None and origin["accepted"] else "",
+        "missing": missing,
+    }
+
+
+def _origin(known: Sequence[Value]) -> Content:
+    """Return how values of one fit were found: from how many runs of the campaign, and from how many other files."""
+    section = known[0].section
+    method = "" if section.method == "default" else f", method {section.method}"
+    paths = {PurePath(source.path) for source in section.sources}
+    in_runs = {path for path in paths if path.parts[:1] == (RUNS_FOLDER,)}
+    return {
+        "how": f"cfid {known[0].fit.command}{method}",
+        "found": section.found.isoformat(),
+        "recordings": len({path.parent for path in in_runs}),  # a run has a file for each device
+        "files": len(paths - in_runs),
+        "accepted": all(value.accepted for value in known),
+        "findings": [*dict.fromkeys(value.rejection for value in known if value.rejection), *known[0].outdated],
+    }
+
+
+def _zeros(rows: Sequence[Content]) -> str:
+    """Return a sentence that names which of several numbers are consistent with zero, "" if none are."""
+    terms: dict[str, list[Content]] = {}
+    for row in rows if len(rows) > 1 else ():
+        terms.setdefault(row["symbol"].partition(" ")[0].partition("_")[0], []).append(row)
+    names: list[str] = []
+    for term, numbers in terms.items():
+        barely = [row for row in numbers if _is_barely_there(row["value"], row["std"])]
+        is_whole = len(terms) > 1 and len(barely) == len(numbers)
+        names += [term] if is_whole else [row["symbol"].partition(" ")[0] for row in barely]
+    return f"Consistent with zero, within {_BARELY:g} standard uncertainties: {', '.join(names)}." if names else ""
+
+
+def _rows(quantity: Quantity, numbers: list[Number]) -> list[Content]:
+    """Return the numbers of a quantity, each with its own symbol and unit.
+
+    Numbers of a transfer function that its form fixes, the leading 1 and zeros, are left out.
+    """
     symbol, unit = quantity.symbol, quantity.unit
     if quantity.shape is Shape.NUMBER:
-        return [Row(f"{symbol} ({quantity.title})", e.value, e.std, unit) for e in found]
-    places, units = [e.place for e in found], [unit] * len(found)
+        return [_row(f"{symbol} ({quantity.title})", number.value, number.std, unit) for number in numbers]
+    places, units = [number.place for number in numbers], [unit] * len(numbers)
     if quantity.shape is Shape.POLYNOMIAL:
-        units = coefficient_units(quantity.key, len(found))
+        units = coefficient_units(quantity.key, len(numbers))
         places = places if quantity.lowest_first else places[::-1]
-    elif len(found) == 3:  # components along the body axes
+    elif len(numbers) == 3:  # components along the body axes
         places = list("xyz")
-    rows = zip(places, found, units, strict=True)
-    return [Row(f"{symbol}_{place}", e.value, e.std, own) for place, e, own in rows if not _is_set(quantity, e)]
-
-
-def _is_set(quantity: Quantity, number: Number) -> bool:
-    """Return whether a number of a transfer function is fixed by its form: the leading 1, or a zero."""
-    leading = quantity.key == "tf.denominator" and number.place == "0"
-    return quantity.over == "z^-1" and (leading or (number.value == 0 and not number.std))
-
-
-_GROUPS = (
-    ("Inertia", (_Wanted(("inertia.matrix_kg_m2",)),)),
-    (
-        "Motors: mappings",
-        (
-            _Wanted(("motor.thrust_poly",), "f = Σ a_k cmd^k"),
-            _Wanted(("motor.speed_poly",), "ω = Σ b_k cmd^k"),
-            _Wanted(("motor.torque_poly",), "τ = Σ c_k f^k"),
-        ),
-    ),
-    (
-        "Motors: transfer function",
-        (
-            _Wanted(
-                tuple(
-                    f"tf.{name}"
-                    for name in (
-                        "numerator", "denominator", "sample_time_s", "time_constant_s", "static_gain_n", "delay_s",
-                    )
-                ),
-                "H(z) = (n_0 + n_1 z⁻¹ + …) / (1 + d_1 z⁻¹ + …)",
-                "Command to thrust, one motor",
-            ),
-        ),
-    ),
-    (
-        "Drag",
-        (
-            _Wanted(("drag.simple_kg_per_rad",), "f = diag(K) Σω v"),
-            _Wanted(
-                tuple(f"drag.complex.k{i}" for i in range(1, 7)),
-                "f = K1 Σω v + K2 v² + K3 (Σω)² + K4 v + K5 Σω + K6, axis by axis",
-                "Complex model",
-            ),
-            _Wanted(("drag.cross_coupling_kg_per_rad",), "f = K Σω v"),
-        ),
-    ),
-)  # fmt: skip
+    return [
+        _row(f"{symbol}_{place}", number.value, number.std, own_unit)
+        for place, number, own_unit in zip(places, numbers, units, strict=True)
+        if quantity.over != "z^-1"
+        or not ((number.value == 0 and not number.std) or (quantity.key == "tf.denominator" and number.place == "0"))
+    ]

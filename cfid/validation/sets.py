@@ -13,6 +13,7 @@ from cfid.errors import CfidError, ConfigError
 from cfid.flight.data import same_flight
 from cfid.flight.model import ThrustLag
 from cfid.flight.rows import AXES
+from cfid.published import tables, turned
 from cfid.recordings.read import read_recording
 from cfid.recordings.recording import Recording
 from cfid.records.campaign import Campaign
@@ -22,8 +23,6 @@ from cfid.records.parameters import Parameter
 from cfid.records.rig_file import Rig, load_rig, thesis_rig
 from cfid.records.run import run_holding
 from cfid.records.values import Values
-from cfid.report import published
-from cfid.report.axes import turned
 from cfid.units import FULL_COMMAND, MM, RPM
 from cfid.validation.predictions import ParameterSet
 
@@ -183,7 +182,6 @@ def _thrust(measured: Measured, experiment: str, in_volts: bool) -> tuple[tuple[
 
 def _published(
     name: str,
-    origin: str,
     *,
     mass: tuple[str, str],
     moments: tuple[str, str],
@@ -197,72 +195,57 @@ def _published(
 
     Thrust is the polynomial through values at drives.
     """
-    matrix = next(row for row in published.INERTIA if (row.who, row.vehicle) == moments)
-    xx, yy, zz, xy, xz, yz = matrix.matrix_kg_m2
-    along = turned([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], matrix.axes)
+    weighed, inertia = tables()["mass_kg"].row(*mass), tables()["inertia_kg_m2"].row(*moments)
+    xx, yy, zz, xy, xz, yz = (*inertia.values, 0.0, 0.0, 0.0)[:6]
+    along = turned([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], inertia.frame)
     drives, thrusts_n = (np.array(values, dtype=np.float64) for values in thrust)
     return ParameterSet(
         name=name,
-        origin=origin,
-        mass_kg=_value(published.MASS_KG, *mass),
+        origin=weighed.source,
+        mass_kg=weighed.values[0],
         moments_kg_m2=(along["roll"], along["pitch"], along["yaw"]),
         arm_m=ARM_M,
-        torque_m=_value(published.TORQUE_PER_THRUST_M, *torque),
+        torque_m=tables()["torque_per_thrust_m"].row(*torque).values[0],
         thrust_n=tuple(map(float, np.polynomial.polynomial.polyfit(drives, thrusts_n, degree))),
         in_volts=in_volts,
         lag=None if lag_s is None else ThrustLag(lag_s, lag_s),
     )
 
 
-def _value(table: Sequence[published.Published], who: str, vehicle: str) -> float:
-    value = next(row for row in table if (row.who, row.vehicle) == (who, vehicle)).values[0]
-    assert value is not None
-    return value
-
-
 def _thesis() -> ParameterSet:
-    vehicle = "thesis", "Crazyflie 2.0"
+    vehicle, thrust = ("thesis", "Crazyflie 2.0"), tables()["thrust_of_command_n"]
     return _published(
         "thesis",
-        published.APPENDIX_A,
         mass=vehicle,
         moments=vehicle,
         torque=vehicle,
-        thrust=(
-            np.array(published.COMMANDS) / FULL_COMMAND,
-            next(row for row in published.THRUST_N if row.who == "thesis").values,
-        ),
-        lag_s=_value(published.DYNAMICS, "thesis (3.16)", "2.0"),
+        thrust=(np.array(thrust.at) / FULL_COMMAND, thrust.row(*vehicle).values),
+        lag_s=tables()["time_constant_s"].row("thesis (3.16)", "2.0").values[0],
     )
 
 
 def _pybullet() -> ParameterSet:
-    speeds = [RPM * (0.2685 * command + 4070.3) for command in published.COMMANDS]  # rad/s, linear in the command
-    thrust_n = next(row for row in published.THRUST_AT_SPEED_N if row.who == "gym-pybullet-drones").values[0]
-    assert thrust_n is not None
-    k = thrust_n / published.SPEEDS_RAD_S[0] ** 2
+    commands, thrust = tables()["thrust_of_command_n"].at, tables()["thrust_of_speed_n"]
+    speeds = [RPM * (0.2685 * command + 4070.3) for command in commands]  # rad/s, linear in the command
+    vehicle = "gym-pybullet-drones", "2.x"
+    k = thrust.row(*vehicle).values[0] / thrust.at[0] ** 2
     return _published(
         "gym-pybullet-drones",
-        published.PYBULLET,
         mass=("gym-pybullet-drones", "Crazyflie 2.x"),
-        moments=("gym-pybullet-drones", "2.x"),
-        torque=("gym-pybullet-drones", "2.x"),
-        thrust=(np.array(published.COMMANDS) / FULL_COMMAND, [k * speed**2 for speed in speeds]),
+        moments=vehicle,
+        torque=vehicle,
+        thrust=(np.array(commands) / FULL_COMMAND, [k * speed**2 for speed in speeds]),
     )
 
 
 def _firmware() -> ParameterSet:
-    motors = "Bitcraze firmware", "2.x, legacy propellers"
+    motors, thrust = ("Bitcraze firmware", "2.x, legacy propellers"), tables()["thrust_of_voltage_n"]
     return _published(
         "firmware",
-        published.FIRMWARE,
         mass=("Bitcraze firmware", "Crazyflie 2.x"),
         moments=("Bitcraze firmware (Lee)", "Crazyflie 2.x"),
         torque=motors,
-        thrust=(
-            published.VOLTS,
-            next(row for row in published.THRUST_AT_VOLTAGE_N if (row.who, row.vehicle) == motors).values,
-        ),
+        thrust=(thrust.at, thrust.row(*motors).values),
         degree=3,
         in_volts=True,
     )

@@ -7,7 +7,7 @@ import pytest
 
 from cfid.errors import ConfigError
 from cfid.records.rig_file import new_rig_text
-from cfid.report.formats.sealed import write_report
+from cfid.report.sealed import write_report
 from tests.export.thesis_vehicle import sections
 from tests.lab import Cfid, keep
 

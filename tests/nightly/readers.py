@@ -25,8 +25,8 @@ from cfid.records.files import FITS_FOLDER, RIG_FILE, RUN_FILE
 from cfid.records.fits import keep_fit, list_fits
 from cfid.records.rig_file import load_rig, new_rig_text
 from cfid.records.run import read_run
-from cfid.report.content import gather
-from cfid.report.formats.render import rendered
+from cfid.report.build import build
+from cfid.report.render import rendered
 from cfid.sim.loadcell import LoadCellTruth, SimulatedLoadCell
 from cfid.sim.netft import NetFTBox
 from cfid.sim.truth import load_truth
@@ -195,9 +195,9 @@ def _reported(path: Path) -> Any:
     (folder / FITS_FOLDER).mkdir(exist_ok=True)
     (folder / RIG_FILE).write_text(new_rig_text())
     (folder / FITS_FOLDER / "fit.json").write_bytes(path.read_bytes())
-    report = gather(open_campaign(folder), now=NOON)
-    if report.unreadable:
-        raise DataError(" ".join(report.unreadable))
+    report = build(open_campaign(folder), now=NOON)
+    if report["unreadable"]:
+        raise DataError(" ".join(report["unreadable"]))
     return [rendered(report, form, folder) for form in ("html", "md", "tex", "json")]
 
 

@@ -29,7 +29,7 @@ from cfid.records.parameters_file import is_as_written
 from cfid.records.result import Result
 from cfid.records.run import DeviceRecord, Label, Run, amend_run, list_runs, read_run
 from cfid.records.run_writer import create_run
-from cfid.report.formats.sealed import MARK, write_report
+from cfid.report.sealed import MARK, write_report
 from tests.lab import keep, sections_at
 
 NOON = datetime(2026, 11, 21, 12, tzinfo=UTC)

@@ -1,17 +1,14 @@
-"""Campaigns with fits made by hand, so that a report's sentences are tested without recording anything."""
+"""Campaigns with fits made by hand, so that a report is tested without recording anything."""
 
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime, timedelta
-from pathlib import Path
 from typing import Any
 
 from cfid.findings import rejection, warning
-from cfid.records.campaign import Campaign, find_campaign
-from cfid.records.files import RIG_FILE
+from cfid.records.campaign import Campaign
 from cfid.records.fits import Fit, keep_fit
 from cfid.records.parameters import Parameter, Section, Source
-from cfid.records.rig_file import new_rig_text
-from cfid.report.content import Report, gather
+from cfid.report.build import build
 
 NOON = datetime(2026, 11, 21, 12, tzinfo=UTC)
 
@@ -68,13 +65,6 @@ APPENDIX_A: Mapping[str, Mapping[str, Parameter]] = {
 }
 
 
-def new_campaign(folder: Path) -> Campaign:
-    (folder / RIG_FILE).write_text(new_rig_text())
-    campaign = find_campaign(folder, start=folder)
-    assert campaign is not None
-    return campaign
-
-
 def put(
     campaign: Campaign,
     name: str,
@@ -113,5 +103,5 @@ def put_appendix_a(campaign: Campaign) -> None:
         put(campaign, name, parameters, sources=[f"of_{name}"])
 
 
-def report_of(campaign: Campaign) -> Report:
-    return gather(campaign, now=NOON + timedelta(days=1))
+def report_of(campaign: Campaign) -> dict[str, Any]:
+    return build(campaign, now=NOON + timedelta(days=1))

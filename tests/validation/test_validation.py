@@ -25,10 +25,10 @@ from cfid.validation.predictions import HORIZONS, ParameterSet, errors, starts
 from cfid.validation.result import SetError, compared, validate
 from cfid.validation.sets import PUBLISHED, Measured, measured_file, measured_in, published_set, sets_of
 from tests.flight.flying import GYRO_DELAY_S, LATE_STEPS, STEP, Fleet, fleet, fly
-from tests.lab import DATA, Cfid, keep, values_of
+from tests.lab import DATA, Cfid, keep, new_campaign, values_of
 from tests.recordings.made import only, with_rows
 from tests.recordings.made import table_of as rows_in
-from tests.report.fits_by_hand import new_campaign, put
+from tests.report.fits_by_hand import put
 
 FLIGHTS = DATA / "flights"
 SLOW_WINDS = (

@@ -4,9 +4,10 @@ import pytest
 from matplotlib.figure import Figure
 
 from cfid.drawing.save import save_figure
-from cfid.report.formats.render import rendered
+from cfid.report.render import rendered
+from tests.lab import new_campaign
 from tests.report.chromium import BROWSER, Look, look_at
-from tests.report.fits_by_hand import APPENDIX_A, new_campaign, number, put, put_appendix_a, report_of
+from tests.report.fits_by_hand import APPENDIX_A, number, put, put_appendix_a, report_of
 
 pytestmark = pytest.mark.skipif(BROWSER is None, reason="needs Chromium to look at the page with")
 

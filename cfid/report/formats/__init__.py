@@ -1,1 +1,0 @@
-"""A report as HTML, Markdown, TeX and JSON."""

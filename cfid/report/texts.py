@@ -1,0 +1,311 @@
+"""The report's tables as text: headings and rows for every template, with numbers to two digits of their uncertainty.
+
+Numbers of one table row or quantity share a power of ten, which precedes the unit.
+"""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from cfid.quantities.rounding import value_and_std
+from cfid.units import COVERAGE_95
+
+Content = Mapping[str, Any]
+
+ABOUT_SHEET = (
+    "Each value has its standard uncertainty and its 95 % interval, 1.96 standard uncertainties either side as of a "
+    "normal distribution. Coefficients of one polynomial belong together: their errors are correlated."
+)
+ABOUT_REPEATS = (
+    "One quantity from different recordings. The mean is weighted by the uncertainties, drift is the last reading "
+    "less the first. χ² adds up the squared distances from the mean in standard uncertainties; “by chance” is how "
+    "often independent readings with these uncertainties would scatter as much or more. Below 1 % they do not agree, "
+    "and one quantity in a hundred falls below by chance. What all readings share, such as mass and geometry, is in "
+    "each uncertainty but does not scatter: agreement does not prove that part, and the mean's uncertainty keeps it. "
+    "Rejected readings are shown and left out of the test."
+)
+ABOUT_AGREEMENT = (
+    "One property by two experiments, with the difference over its joint uncertainty; causes that both share, as an "
+    "arm, count once. Beyond 3 standard uncertainties one of the two is wrong, but for a first one that may exceed "
+    "the second."
+)
+ABOUT_PUBLISHED = (
+    "Published values in one unit, with their difference from yours. Vehicles, propellers, batteries and loads "
+    "differ: a difference is not an error by itself."
+)
+
+_PLAIN = (1e-1, 1e4)  # sizes that need no power of ten
+_SMALLEST = 1e-5  # of a number after scaling by its power of ten
+_MILLI = -3
+_THOUSANDTHS = {"kg": "g", "kg/s": "g/s", "s": "ms", "m": "mm", "N": "mN", "Nm": "mNm", "N m": "mN m"}
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+class Grid(NamedTuple):
+    """Headings and rows of text; a cell is empty if its value is unknown."""
+
+    head: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+
+def number_grid(rows: Sequence[Content], heading: str = "") -> Grid:
+    """Return numbers with their standard uncertainties and 95 % intervals."""
+    families: dict[tuple[str, str], list[float | None]] = {}
+    for row in rows:
+        families.setdefault(_family(row), []).extend([row["value"], row["std"]])
+    lines = []
+    for row in rows:
+        power = _power(row, families[_family(row)])
+        value, std = _value_and_std(row["value"], row["std"], power)
+        interval = ""
+        if std:
+            low, high = (row["value"] + sign * COVERAGE_95 * row["std"] for sign in (-1, 1))
+            interval = " to ".join(_value_and_std(end, row["std"], power)[0] for end in (low, high))
+        lines.append((row["symbol"], value, std, interval, with_power(row["unit"], power)))
+    return Grid((heading, "value", "std", "95 % interval", "unit"), lines)
+
+
+def _family(row: Content) -> tuple[str, str]:
+    """Return the key of the numbers that share a power of ten."""
+    return row["symbol"].partition(" ")[0].partition("_")[0], row["unit"]
+
+
+def _power(row: Content, family: Iterable[float | None]) -> int:
+    """Return the family's power of ten, or the row's own where the family's would leave only zeros.
+
+    A value that is known to many digits, such as a time since 1970, is printed in its own unit.
+    """
+    sizes = [abs(x) for x in (row["value"], row["std"]) if x]
+    shared, own = power_of_ten(family), power_of_ten(sizes)
+    for power in (shared, own):
+        if all(size >= _SMALLEST * 10.0**power for size in sizes):
+            return power
+    return min(own, 0)
+
+
+def verdict(accepted: bool | None) -> str:
+    """Return the verdict on a quantity in one word; a value stated by hand is `stated`."""
+    return "stated" if accepted is None else "accepted" if accepted else "rejected"
+
+
+def origin_text(origin: Content) -> str:
+    """Return how a quantity was found, and when."""
+    counts = {"recording": origin["recordings"], "file": origin["files"]}
+    sources = [f"one {what}" if count == 1 else f"{count} {what}s" for what, count in counts.items() if count]
+    day = f"{minute(origin['found'])} UTC" if origin["found"] else ""
+    return ", ".join(filter(None, [origin["how"], f"from {' and '.join(sources)}" if sources else "", day]))
+
+
+def minute(time: str) -> str:
+    """Return day, hour and minute of a time in ISO format."""
+    return time[:16].replace("T", " ")
+
+
+def recorded(about: Content) -> str:
+    """Return the days of the runs and their number, with those being recorded and those that no fit selects."""
+    days = " to ".join(dict.fromkeys(start[:10] for start in about["recorded"]))
+    runs = "1 run" if about["runs"] == 1 else f"{about['runs']} runs"
+    parts = {"being recorded": about["growing_runs"], "not usable or excluded": about["unused_runs"]}
+    named = " and ".join(f"{count} of them {state}" for state, count in parts.items() if count)
+    return f"Recorded {days} in {', '.join(filter(None, [runs, named]))}."
+
+
+def summary_grid(summary: Content) -> Grid:
+    """Return the main numbers in plain units."""
+    rows = [(number["title"], number["value"], number["std"]) for number in summary["numbers"]]
+    return Grid(("", "value", "uncertainty"), rows)
+
+
+def table_grid(table: Content) -> Grid:
+    """Return a fit's table as text."""
+    return Grid(table["columns"], [[cell_text(cell) for cell in row] for row in table["rows"]])
+
+
+def verdict_grid(experiments: Iterable[Content]) -> Grid:
+    """Return the verdict on each experiment with all its findings."""
+    rows = [
+        (
+            experiment["title"],
+            experiment["found"][:10],
+            verdict(experiment["accepted"]),
+            " ".join((*experiment["rejections"], *experiment["remarks"], *experiment["notes"])),
+        )
+        for experiment in experiments
+    ]
+    return Grid(("", "fitted", "", "left out, and to be known"), rows)
+
+
+def repeat_grid(repeat: Content) -> Grid:
+    """Return the readings of all quantities of a kind of fit side by side, with the test of their agreement."""
+    made = (minute(fit["found"]) + ("" if fit["accepted"] else ", rejected") for fit in repeat["made"])
+    rows = []
+    for quantity in repeat["quantities"]:
+        readings = [reading or {"value": None, "std": None} for reading in quantity["readings"]]
+        power = power_of_ten(reading["value"] for reading in readings)
+        is_tested = quantity["chi_squared"] is not None
+        rows.append(
+            (
+                quantity["quantity"],
+                with_power(quantity["unit"], power),
+                *(plus_minus(reading["value"], reading["std"], power) for reading in readings),
+                plus_minus(quantity["mean"], quantity["mean_std"], power),
+                plus_minus(quantity["drift"], quantity["drift_std"], power),
+                f"{quantity['chi_squared']:.1f} of {quantity['freedom']}" if is_tested else "",
+                f"{100 * quantity['probability']:.2g} %" if is_tested else "",
+                cell_text(quantity["agrees"]),
+            )
+        )
+    return Grid(("", "unit", *made, "mean", "drift", "χ²", "by chance", "agree"), rows)
+
+
+def agreement_grid(agreements: Iterable[Content]) -> Grid:
+    """Return properties as found by two experiments each, with the difference over its joint uncertainty."""
+    rows = []
+    for pair in agreements:
+        power = power_of_ten([pair["first_value"], pair["second_value"]])
+        rows.append(
+            (
+                pair["title"],
+                f"{plus_minus(pair['first_value'], pair['first_std'], power)} ({pair['first']})",
+                f"{plus_minus(pair['second_value'], pair['second_std'], power)} ({pair['second']})",
+                with_power(pair["unit"], power),
+                plus_minus(pair["difference"], pair["difference_std"], power),
+                f"{pair['in_std']:+.1f}",
+                ("yes, may exceed it" if pair["at_least"] else "yes") if pair["agrees"] else "no",
+            )
+        )
+    return Grid(("", "first", "second", "unit", "difference", "over its std", "agree"), rows)
+
+
+def comparison_grid(comparison: Content, sources: Mapping[str, int]) -> Grid:
+    """Return a comparison with values in one power of ten, and with sources as numbers of the list that follows."""
+    yours, lines = comparison["yours"], _lines(comparison)
+    power = power_of_ten(value for line in lines for value in line["values"])
+    unit = with_power(comparison["unit"], power)
+    heads = [f"{column}, {unit}" if len(comparison["columns"]) == 1 else column for column in comparison["columns"]]
+    rows = []
+    for line in lines:
+        if line is yours:
+            stds = comparison["yours_std"] or [None] * len(line["values"])
+            cells = [plus_minus(value, std, power) for value, std in zip(line["values"], stds, strict=True)]
+        else:
+            own = yours["values"] if yours else [None] * len(line["values"])
+            cells = [_against(value, mine, power) for value, mine in zip(line["values"], own, strict=True)]
+        rows.append((line["who"], line["vehicle"], *cells, f"[{sources[line['source']]}]" if line["source"] else ""))
+    return Grid(("", "vehicle", *heads, "source"), rows)
+
+
+def comparison_notes(comparison: Content) -> list[str]:
+    """Return the notes on a comparison's rows, each note once with the rows that it concerns."""
+    lines = _lines(comparison)
+    who = [line["who"] for line in lines]
+    named: dict[str, list[str]] = {}
+    for line in lines:
+        name = line["who"] if who.count(line["who"]) == 1 else f"{line['who']} ({line['vehicle']})"
+        for note in filter(None, (line["frame"], line["note"])):
+            named.setdefault(note, []).append(name)
+    return [f"{', '.join(names)}: {note}." for note, names in named.items()]
+
+
+def comparison_unit(comparison: Content) -> str:
+    """Return the unit of a comparison with several columns, with the power of ten of its values."""
+    power = power_of_ten(value for line in _lines(comparison) for value in line["values"])
+    return with_power(comparison["unit"], power) if len(comparison["columns"]) > 1 else ""
+
+
+def _lines(comparison: Content) -> list[Content]:
+    return [*([comparison["yours"]] if comparison["yours"] else []), *comparison["others"]]
+
+
+def sources_of(comparisons: Iterable[Content]) -> dict[str, int]:
+    """Return the sources of comparisons, numbered in order of appearance."""
+    named = dict.fromkeys(line["source"] for comparison in comparisons for line in comparison["others"])
+    return {source: number for number, source in enumerate(named, start=1)}
+
+
+def runs_grid(runs: Iterable[Content]) -> Grid:
+    """Return the campaign's recordings."""
+    rows = []
+    for run in runs:
+        excluded = f"excluded: {run['excluded']}" if run["excluded"] else ""
+        note = "; ".join(filter(None, ["simulated" * run["simulated"], excluded, run["note"]]))
+        lost = "unknown" if run["lost"] is None else cell_text(run["lost"])
+        rows.append((run["name"], run["what"], run["state"], cell_text(run["rows"]), lost, note))
+    return Grid(("run", "what", "state", "rows", "lost", "note"), rows)
+
+
+def _value_and_std(value: float | None, std: float | None, power: int) -> tuple[str, str]:
+    """Return a value and its standard uncertainty in units of a power of ten; "" is unknown."""
+    if value is None or not math.isfinite(value):
+        return "", ""
+    scale = 10.0**-power
+    shown, spread = value_and_std(value * scale, None if std is None else std * scale)
+    return _typeset(shown), "" if spread == "-" else _typeset(spread)
+
+
+def plus_minus(value: float | None, std: float | None, power: int) -> str:
+    """Return a value and its standard uncertainty, if known, in units of a power of ten."""
+    shown, spread = _value_and_std(value, std, power)
+    if spread:
+        return f"{shown} ± {spread}"
+    return _number(value * 10.0**-power, 4) if shown and value is not None else ""
+
+
+def _against(value: float | None, yours: float | None, power: int) -> str:
+    """Return a value with its difference from yours in per cent, or the ratio if far from one."""
+    shown = plus_minus(value, None, power)
+    if value is None or not yours or not math.isfinite(value / yours) or value == 0:
+        return shown
+    ratio = value / yours
+    if ratio <= 0:
+        return f"{shown} (other sign)"
+    if not 0.5 < ratio < 2:
+        return f"{shown} ({ratio:.2g} times)"
+    percent = f"{100 * (ratio - 1):+.1f}"
+    return f"{shown} ({_typeset(percent) if float(percent) else '0.0'} %)"
+
+
+def power_of_ten(values: Iterable[float | None]) -> int:
+    """Return the multiple of three that scales the largest of some values to 1 to 1000, or 0 if none is needed."""
+    largest = max((abs(x) for x in values if x is not None and math.isfinite(x)), default=0.0)
+    if largest == 0 or _PLAIN[0] <= largest < _PLAIN[1]:
+        return 0
+    return 3 * math.floor(math.log10(largest) / 3)
+
+
+def with_power(unit: str, power: int) -> str:
+    """Return a unit after its power of ten, as in `10⁻⁶ kg m²`, or the plain unit of that size: g, ms, mm, mN.
+
+    The unit of a pure number is "".
+    """
+    name, bracket, rest = unit.partition("(")
+    if power == _MILLI and (plain := _THOUSANDTHS.get(name)):
+        return f"{plain}{bracket}{rest}"
+    raised = "" if unit == "1" else unit.replace("^2", "²").replace("^3", "³")
+    return " ".join(filter(None, [f"10{str(power).translate(_SUPERSCRIPTS)}" if power else "", raised]))
+
+
+def cell_text(value: Any) -> str:
+    """Return the text of a table cell with a value of any type, or "" if unknown."""
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, int):
+        return _typeset(str(value))
+    if isinstance(value, float):
+        return _number(value, 5) if math.isfinite(value) else ""
+    if isinstance(value, list | tuple):
+        return ", ".join(cell_text(item) for item in value)
+    return str(value)
+
+
+def _number(value: float, digits: int) -> str:
+    return _typeset(f"{value:.{digits}g}")
+
+
+def _typeset(number: str) -> str:
+    """Return a number with a minus sign that is as wide as a plus sign, and with its exponent raised."""
+    mantissa, _, exponent = number.partition("e")
+    mantissa = mantissa.replace("-", "−")
+    return f"{mantissa}·10{str(int(exponent)).translate(_SUPERSCRIPTS)}" if exponent else mantissa

@@ -1,0 +1,235 @@
+"""Each experiment in a report shows what its fit stored: figures, tables, budget, findings, sources."""
+
+import os
+import shutil
+from dataclasses import replace
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import pytest
+from matplotlib.figure import Figure
+
+from cfid.drawing.save import save_figure
+from cfid.findings import finding
+from cfid.records.campaign import Campaign
+from cfid.records.parameters import Source
+from cfid.records.run import DeviceRecord, Label, amend_run
+from cfid.records.run_writer import RunWriter, create_run
+from cfid.report.render import LARGEST_SVG_BYTES, rendered
+from tests.lab import keep, keep_instead, new_campaign
+from tests.report.fits_by_hand import APPENDIX_A, NOON, number, put, report_of
+
+THRUST = APPENDIX_A["thrust"]
+
+
+@pytest.fixture
+def campaign(tmp_path: Path) -> Campaign:
+    return new_campaign(tmp_path)
+
+
+def draw(campaign: Campaign, name: str) -> tuple[str, ...]:
+    figure = Figure(figsize=(3, 2))
+    figure.add_subplot().plot([1, 2], label=name, gid=name)
+    paths = save_figure(figure, campaign.folder / "figures" / name)
+    return tuple(str(path.relative_to(campaign.folder)) for path in paths)
+
+
+def page_of(campaign: Campaign) -> str:
+    return rendered(report_of(campaign), "html", campaign.folder)
+
+
+def tables_of(campaign: Campaign) -> dict[str, list[list[Any]]]:
+    return {
+        table["title"].partition(":")[0]: table["rows"] for table in report_of(campaign)["experiments"][0]["tables"]
+    }
+
+
+def test_experiments_stand_in_the_order_of_the_thesis_the_latest_first(campaign: Campaign) -> None:
+    put(campaign, "drag", APPENDIX_A["drag"], sources=["d"])
+    put(campaign, "thrust", THRUST, sources=["a"])
+    put(campaign, "thrust", THRUST, sources=["b"], minutes=5)
+    put(campaign, "swing x", {"swing.axis_inertia_kg_m2": number(3e-5, "kg m^2")}, sources=["s"], minutes=9)
+
+    assert [experiment["title"] for experiment in report_of(campaign)["experiments"]] == [
+        "Swing x",
+        "Command to thrust",
+        "Command to thrust, earlier: 2026-11-21 12:00",
+        "Drag",
+    ]
+
+
+def test_lists_of_rows_are_tables_and_other_figures_of_quality_are_one(campaign: Campaign) -> None:
+    quality = {
+        "rms": None,
+        "left_out": [],
+        "condition": 2.6,
+        "swings": [{"axis": "x", "drift": 1e-5}, {"axis": "y", "is_late": True}],
+        "series": {"motor1": {"runs": 3}},
+    }
+    parameters = {"motor.table": number([{"cmd": 1000, "thrust_n": 0.01}], "as named", None)}
+    put(campaign, "thrust", parameters, sources=["a"], quality=quality)
+
+    assert tables_of(campaign) == {
+        "quality of the fit": [["condition", 2.6], ["series motor1 runs", 3]],
+        "swings": [["x", 1e-5, None], ["y", None, True]],
+        "what was measured at each command": [[1000, 0.01]],
+    }
+
+
+def test_parts_of_an_uncertainty_are_a_row_a_quantity_the_largest_first(campaign: Campaign) -> None:
+    slope = {"motor.torque_poly": number([6.0], "Nm(N)", [10.0])}
+    effects = {"gain": 9.0, "arm": 3.0, "talk": 2.0, "yaw": 0.1}
+    common = {cause: {"motor.torque_poly": [effect]} for cause, effect in effects.items()}
+    put(campaign, "torque", slope, sources=["a"], common=common)
+
+    assert tables_of(campaign)["what uncertainties come from"] == [
+        ["motor.torque_poly", "gain 81 %, arm 9 %, fit 6 %, others 4 %"]
+    ]
+
+
+@pytest.mark.parametrize(
+    "value",
+    [None, True, {}, [[]], [{}, 1], [1, {}], [{"a": {}}, None], {"a": {"b": [1]}}, 10**400, [[[[1]]]], float("nan")],
+    ids=lambda value: repr(value)[:20],
+)
+def test_an_edited_quality_breaks_no_report(campaign: Campaign, value: Any) -> None:
+    put(campaign, "inertia", APPENDIX_A["inertia"], quality=dict.fromkeys(("swings", "budget_kg_m2", "models"), value))
+    for form in ("html", "md", "tex"):
+        assert "16.57" in rendered(report_of(campaign), form, campaign.folder)
+
+
+def test_a_figure_stands_in_the_page_as_drawing_or_if_it_is_large_as_pixels(campaign: Campaign) -> None:
+    put(campaign, "thrust", THRUST, sources=["a"], figures=draw(campaign, "fit_thrust"))
+    assert page_of(campaign).count("data:image/svg+xml;base64,") == 1
+
+    svg = campaign.folder / "figures" / "fit_thrust.svg"
+    svg.write_bytes(svg.read_bytes() + b" " * LARGEST_SVG_BYTES)
+    page = page_of(campaign)
+    assert page.count("data:image/png;base64,") == 1
+    assert "data:image/svg+xml" not in page
+
+    for path in svg.parent.iterdir():
+        path.unlink()
+    page = page_of(campaign)
+    assert "data:image" not in page
+    assert "Figure fit thrust" in page
+
+
+def test_a_figure_that_a_later_fit_replaced_is_shown_with_the_later_one_alone(campaign: Campaign) -> None:
+    figures = draw(campaign, "fit_thrust")
+    put(campaign, "thrust", THRUST, sources=["a"], figures=figures)
+    put(campaign, "thrust", THRUST, sources=["b"], figures=figures, minutes=1)
+    later, earlier = report_of(campaign)["experiments"]
+
+    assert (later["figures"], earlier["figures"]) == (list(figures), [])
+    assert len(earlier["notes"]) == 1
+
+
+def test_two_figures_that_are_the_same_are_shown_once(campaign: Campaign) -> None:
+    first = draw(campaign, "recording")
+    again = tuple(path.replace("recording", "again") for path in first)
+    for path, copy in zip(first, again, strict=True):
+        shutil.copyfile(campaign.folder / path, campaign.folder / copy)
+    put(campaign, "thrust", THRUST, sources=["a"], figures=first)
+    put(campaign, "torque", APPENDIX_A["torque"], sources=["a"], figures=again)
+    page = page_of(campaign)
+
+    assert page.count("data:image/") == 1
+    assert page.count('href="#experiment-0"') == 2  # in the contents, and in place of the second figure
+
+
+def test_every_source_stands_with_its_hash(campaign: Campaign) -> None:
+    fit = put(campaign, "thrust", THRUST, sources=["a", "b"])
+    page = page_of(campaign)
+
+    assert all(source.path in page and source.sha256 in page for source in fit.section.sources)
+
+
+def test_places_of_findings_are_kept_with_the_fit(campaign: Campaign) -> None:
+    lost = finding("samples-not-taken", samples="3 samples were", achieved="99 %").at("2026-11-21_ping")
+    fit = put(campaign, "thrust", THRUST, sources=["a"])
+    keep(campaign.folder, "thrust", fit.section, findings=(lost,))
+    (experiment,) = report_of(campaign)["experiments"]
+
+    assert experiment["findings"][0]["where"] == ["2026-11-21_ping"]
+    assert experiment["remarks"] == [lost.text]
+
+
+def test_runs_and_fits_that_cannot_be_read_are_named(campaign: Campaign) -> None:
+    campaign.fits_folder.mkdir()
+    (campaign.fits_folder / "2026-11-21_120000_thrust.json").write_text("{")
+    broken = campaign.runs_folder / "2026-11-21_120000_swing_x"
+    broken.mkdir(parents=True)
+    (broken / "run.toml").write_text("kind = 3")
+
+    unreadable = report_of(campaign)["unreadable"]
+    assert len(unreadable) == 2
+    for form in ("html", "md"):
+        assert "thrust.json" in rendered(report_of(campaign), form, campaign.folder)
+
+
+def begun(campaign: Campaign, kind: str, device: str, *columns: str, **requested: Any) -> RunWriter:
+    """Start a run with one device, and return its writer."""
+    return create_run(
+        campaign.runs_folder,
+        kind=kind,
+        label=Label(),
+        devices={device: DeviceRecord(file=f"{device}.csv", columns=columns)},
+        started=NOON,
+        cfid_version="0",
+        requested=requested,
+    )
+
+
+def counts_of(campaign: Campaign) -> tuple[int, int, int]:
+    about = report_of(campaign)["about"]
+    return about["runs"], about["growing_runs"], about["unused_runs"]
+
+
+def test_a_fit_of_a_recording_that_changed_or_was_excluded_is_no_longer_current(campaign: Campaign) -> None:
+    def outdated() -> list[str]:
+        entries = [entry for group in report_of(campaign)["sheet"] for entry in group["quantities"]]
+        return list(next(entry["origin"]["findings"] for entry in entries if entry["keys"] == ["motor.thrust_poly"]))
+
+    run = begun(campaign, "thrust", "loadcell", "t", "fz").close("complete")
+    file = run.device_file("loadcell")
+    fitted = Source(f"runs/{run.folder.name}/loadcell.csv", sha256(file.read_bytes()).hexdigest())
+    fit = put(campaign, "thrust", THRUST)
+    keep_instead(campaign.folder, "thrust", replace(fit.section, sources=(fitted,)))
+    assert outdated() == []
+    assert counts_of(campaign) == (1, 0, 0)
+
+    file.write_text("t,fz\n1,2\n")
+    amend_run(run, excluded="the cable touched")
+    changed, excluded = outdated()
+    assert fitted.path in changed
+    assert "(the cable touched)" in excluded
+    assert counts_of(campaign) == (1, 0, 1)
+
+
+def test_runs_that_grow_or_were_cut_are_counted(campaign: Campaign, tmp_path: Path) -> None:
+    writer = begun(campaign, "ping", "pings", "t", "rtt")
+    writer.append("pings", ([1.7e9], [0.01]))
+    assert counts_of(campaign) == (1, 1, 0)
+    assert [run["state"] for run in report_of(campaign)["runs"]] == ["recording"]
+
+    os.utime(writer.folder / "pings.csv", (0, 0))
+    cut = shutil.copytree(writer.folder, tmp_path / "cut")
+    writer.close("complete")
+    shutil.rmtree(writer.folder)
+    shutil.copytree(cut, writer.folder)
+    assert counts_of(campaign) == (1, 0, 1)
+    assert [run["state"] for run in report_of(campaign)["runs"]] == ["cut"]
+
+
+def test_a_run_that_a_usable_one_completes_counts_as_used(campaign: Campaign) -> None:
+    def written(state: Any, **requested: Any) -> str:
+        writer = begun(campaign, "thrust", "commands", "t", "m1", **requested)
+        writer.append("commands", ([1.7e9], [0]))
+        return writer.close(state).folder.name
+
+    first = written("interrupted")
+    assert counts_of(campaign) == (1, 0, 1)
+    written("complete", resumes=first)
+    assert counts_of(campaign) == (2, 0, 0)
