@@ -1,0 +1,172 @@
+"""The commands of README and tutorials run from the first to the last, and print the numbers that the pages show."""
+
+import os
+import re
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cfid.quantities.plausible import implausible
+from cfid.quantities.registry import find, unit_of
+from tests.lab import DATA, ROOT, sections_at, values_at
+from tests.priority import ahead_of_others
+from tests.processes import cfid_in_a_shell
+
+FIRST, REAL = ROOT / "docs/tutorial/first-campaign.md", ROOT / "docs/tutorial/real-recordings.md"
+NOTEBOOK = ROOT / "docs/how-to/python.md"
+README = ROOT / "README.md"
+
+# Public recordings under the names that the pages give them.
+RECORDINGS = {
+    "pendulum.csv": "multiarm_pendulum/single_free_swing.csv",
+    "arm.txt": "rotary_inverted_pendulum/pendulum_free_swing_data_01.txt",
+    "steps.csv": "bitcraze_2021/cf21_stock2.csv",
+    "ramp.csv": "bitcraze_2021/cf2.1-stock-prop.csv",
+    "log10": "flights/eschmann_log10.usd",
+    "log15": "flights/eschmann_log15.usd",
+}
+BLOCK = re.compile(r"^```(sh|text)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]\d+)?")
+MARK = "--- end of a block ---"
+
+
+def play(page: Path, folder: Path) -> None:
+    """Run a page's shell blocks in one shell, as a reader would, and compare what they print with what it shows."""
+    blocks = BLOCK.findall(page.read_text(encoding="utf-8"))
+    shell = [text for kind, text in blocks if kind == "sh"]
+    environment = {**os.environ, "CFID_LOCKS": str(folder / "locks"), "COLUMNS": "80", "NO_COLOR": "1"}
+    # A file rather than a pipe: no process that stays in the background can keep this waiting.
+    with (
+        (folder / "printed.txt").open("w+", encoding="utf-8") as file,
+        cfid_in_a_shell() as programs,
+        ahead_of_others(),
+    ):
+        code = subprocess.run(
+            ["bash", "-c", "set -e\n" + f"\necho '{MARK}'\n".join(shell)],
+            check=False,
+            cwd=folder,
+            env={**environment, "PATH": f"{programs}{os.pathsep}{os.environ['PATH']}"},
+            stdout=file,
+            stderr=subprocess.STDOUT,
+            timeout=900,
+        ).returncode
+        file.seek(0)
+        text = file.read()
+    assert code == 0, text[-3000:]
+    printed = iter(alike(text, folder).split(f"{MARK}\n"))
+    for kind, shown in blocks:
+        if kind == "sh":
+            output = next(printed)
+            lines = iter(output.splitlines())
+            continue
+        for line in (alike(line, folder) for line in shown.splitlines() if line != "..."):
+            assert any(agrees(line, other) for other in lines), f"not printed:\n{line}\nbut\n{output}"
+
+
+def alike(text: str, folder: Path) -> str:
+    """Return a text without what differs between runs: dates in names, the folder, and spaces at ends of lines."""
+    text = re.sub(r"\d{4}-\d\d-\d\d_\d{6}", "DATE", text.replace(str(folder), "..."))
+    return "\n".join(line.rstrip() for line in text.splitlines()) + "\n"
+
+
+def agrees(shown: str, printed: str) -> bool:
+    """Return whether a printed line agrees with a line of a page; `   ...` at its end stands for any text.
+
+    Whole numbers and words are the same. Other numbers may differ by two of their last digit, or by one in two
+    thousand, and a value in a table by a fifth of its standard uncertainty. Files store times as Unix time, to a
+    quarter of a microsecond, so a recording with the same seed is rounded differently at another hour.
+    """
+    if shown.rstrip("\n").endswith("   ..."):
+        shown = shown.rstrip("\n").removesuffix("...").rstrip()
+        printed = printed[: len(shown)]
+    shown, printed = shown.rstrip(), printed.rstrip()
+    if NUMBER.sub("#", shown) != NUMBER.sub("#", printed):
+        return False
+    numbers = NUMBER.findall(shown)
+    broken = [place for place, number in enumerate(numbers) if "." in number]
+    rooms = [0.0] * len(numbers)
+    if shown.startswith("│") and len(broken) > 1:
+        value, std = broken[-2:]
+        rooms[value] = abs(float(numbers[std])) / 5
+    return all(map(_near, numbers, NUMBER.findall(printed), rooms))
+
+
+def _near(shown: str, printed: str, room: float) -> bool:
+    if "." not in shown:
+        return shown == printed
+    mantissa, _, exponent = shown.partition("e")
+    digit = 10.0 ** (int(exponent or 0) - len(mantissa.partition(".")[2]))
+    return abs(float(shown) - float(printed)) <= max(2.01 * digit, room or 5e-4 * abs(float(shown)))
+
+
+@pytest.fixture(scope="module")
+def campaigns(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder in which the first tutorial was played."""
+    folder = tmp_path_factory.mktemp("tutorial")
+    play(FIRST, folder)
+    return folder
+
+
+def test_all_that_the_first_tutorials_fits_find_is_as_the_registry_has_it(campaigns: Path) -> None:
+    found = [(value.key, value.parameter) for path in campaigns.rglob("rig.toml") for value in values_at(path.parent)]
+
+    assert len(found) > 40
+    for key, parameter in found:
+        assert find(key) is not None, key
+        assert parameter.unit == unit_of(key), key
+        assert implausible(key, parameter.value) == ""
+
+
+def test_the_page_for_notebooks_runs_on_the_tutorials_campaign(
+    campaigns: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    campaign = next(path.parent for path in sorted(campaigns.rglob("rig.toml")) if [*path.parent.glob("runs/*_sine_*")])
+    monkeypatch.chdir(campaign.parent)
+    blocks = re.findall(r"^```python\n(.*?)^```$", NOTEBOOK.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+    names: dict[str, Any] = {}
+    for block in blocks:
+        exec(block.replace('"cfid-demo"', f'"{campaign.name}"'), names)
+
+    kept = sections_at(campaign)["inertia"].parameters["inertia.matrix_kg_m2"]
+    assert len(blocks) > 5
+    assert names["result"].accepted
+    assert np.all(np.array(kept.value) == names["matrix"].value)
+    assert (campaign.parent / "swing.csv").exists()
+
+
+@pytest.mark.skipif(not DATA.exists(), reason="the public recordings are not here (CFID_DATA)")
+@pytest.mark.parametrize("page", [README, REAL], ids=["README", "real recordings"])
+def test_the_commands_on_public_recordings_print_what_the_page_shows(page: Path, tmp_path: Path) -> None:
+    for name, place in RECORDINGS.items():
+        shutil.copy(DATA / place, tmp_path / name)
+
+    play(page, tmp_path)
+
+
+@pytest.mark.parametrize("page", [FIRST, REAL, README], ids=lambda page: page.name)
+def test_a_page_shows_what_it_runs(page: Path) -> None:
+    kinds = [kind for kind, _ in BLOCK.findall(page.read_text(encoding="utf-8"))]
+
+    assert kinds[0] == "sh"
+    assert "text" in kinds
+    assert not re.search(r"text text", " ".join(kinds))
+
+
+@pytest.mark.parametrize(
+    ("shown", "printed", "same"),
+    [
+        ("x 1.64e-05 to 3", "x 1.62e-05 to 3", True),
+        ("x 1.64e-05 to 3", "x 1.61e-05 to 3", False),
+        ("x 1.6420e-05 to 3", "x 1.6420e-05 to 4", False),
+        ("│ x │ 1.6420e-05 │ 3.0e-08 │", "│ x │ 1.6425e-05 │ 3.0e-08 │", True),
+        ("│ x │ 1.6420e-05 │ 3.0e-08 │", "│ x │ 1.6427e-05 │ 3.0e-08 │", False),
+        ("a   ...", "a b 1", True),
+        ("a 1", "a 1 2", False),
+    ],
+)
+def test_numbers_are_compared_to_their_last_digits(shown: str, printed: str, same: bool) -> None:
+    assert agrees(shown, printed) == same
