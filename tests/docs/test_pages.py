@@ -4,7 +4,6 @@ import re
 import runpy
 import subprocess
 import sys
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, get_args
@@ -138,17 +137,6 @@ def test_every_label_of_literature_in_the_code_is_listed() -> None:
     code = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "cfid").rglob("*.py"))
 
     assert listed == set(re.findall(r"(?:^|[ (])(\[(?:[A-Z]{2,4}|[A-Z][a-z]{2}|vN)\])", code, re.MULTILINE))
-
-
-def test_the_picture_of_the_packages_is_the_import_contract() -> None:
-    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
-    picture = re.search(r"^    demo .*?^    errors .*?$", page("explanation/architecture.md"), re.MULTILINE | re.DOTALL)
-    assert picture is not None
-
-    drawn = [re.findall(r"\w+", re.split(r"  +(?=\S)", line.strip())[0]) for line in picture[0].splitlines()]
-    assert [name for line in drawn for name in line] == [
-        name for layer in contracts[0]["layers"] for name in re.findall(r"\w+", layer)
-    ]
 
 
 def test_the_page_of_the_thesis_shows_what_its_command_prints(cfid: Cfid, monkeypatch: pytest.MonkeyPatch) -> None:
