@@ -1,30 +1,49 @@
 """`cfid fleet`: compare many campaigns, of one vehicle or one day each."""
 
-from collections import Counter, defaultdict
+import json as encoder
 from collections.abc import Sequence
+from dataclasses import asdict
+from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich.box import SIMPLE
+from rich.table import Table
+from rich.text import Text
 
 from cfid.console.messages import echo, note, printable
+from cfid.console.tables import print_table
 from cfid.counted import counted
+from cfid.errors import CfidError, ConfigError, DataError
+from cfid.quantities.rounding import value_and_std
+from cfid.records.files import refuse_kept, write_new
 
 if TYPE_CHECKING:
-    from cfid.errors import CfidError
-    from cfid.fleet.comparison import ComparedNumber
-    from cfid.fleet.summary import Summary
+    from cfid.fleet.comparison import ComparedNumber, Summary
 
+_SUFFIXES = (".csv", ".parquet", ".html")
 _FOLDERS_FOR_A_PROCESS = 16  # reading fewer folders takes less time than starting a process
-_MOST_NAMES = 3
+_STATISTICS = (
+    "mean",
+    "mean_std",
+    "scatter",
+    "chi_squared",
+    "freedom",
+    "probability",
+    "drift_per_day",
+    "drift_std_per_day",
+)
+_MOST_NAMES = 3  # of outliers, in a line
+_MOST_LINES = 30  # of numbers, so that the table fits a screen
 
 Index = Annotated[
-    str | None,
+    Path | None,
     typer.Option(metavar="FILE", help="File with one campaign per line, relative to the file; # starts a comment."),
 ]
 Jobs = Annotated[int, typer.Option(min=0, help="Number of processes; 0 means one per processor.")]
 Scheduler = Annotated[
-    str | None, typer.Option(metavar="ADDRESS", help="Address of a Dask cluster that can read the folders.")
+    str | None, typer.Option(metavar="ADDRESS", help="Address of a Dask cluster that can read and write the folders.")
 ]
 
 
@@ -32,8 +51,6 @@ def fleet(
     folders: Annotated[list[str] | None, typer.Argument(metavar="DIR ...", help="Campaign folders, or globs.")] = None,
     *,
     index: Index = None,
-    only: Annotated[str, typer.Option(metavar="TEXT", help="Compare only parameters whose names contain this.")] = "",
-    details: Annotated[bool, typer.Option("--details", help="Show every campaign's value of every parameter.")] = False,
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write the table to a new .csv, .parquet or .html file.")
     ] = None,
@@ -45,121 +62,152 @@ def fleet(
 
     `cfid fleet fit` refits campaigns; write ./fit for a campaign folder named fit.
 
-    Example: [bold]cfid fleet vehicle-1 vehicle-2 vehicle-3 --only inertia.matrix[/bold]
+    Example: [bold]cfid fleet vehicle-1 vehicle-2 vehicle-3[/bold]
     """
-    from cfid.errors import ConfigError, DataError
-    from cfid.fleet.comparison import compare
-    from cfid.fleet.places import campaigns
-    from cfid.fleet.tables import SUFFIXES
+    from cfid.fleet.campaigns import campaign_folders, workers
+    from cfid.fleet.comparison import compare, distinct, summarise
 
-    if out is not None and out.suffix not in SUFFIXES:
-        raise ConfigError(f"--out {out}: should end in {', '.join(SUFFIXES)}.")
-    places, faults = campaigns(folders or [], index, addresses=False)
-    summaries, unreadable = _summaries(places, jobs=jobs, scheduler=scheduler)
-    comparisons = [one for one in compare(summaries) if only in one.name]
-    if summaries:
-        _hand_out(comparisons, summaries, details=details, out=out, json=json)
-        _print_findings(summaries, details=details)
-    if faults := [*faults, *unreadable]:
-        count = len(summaries) + len(faults)
-        head = f"{len(faults)} of {counted(count, 'campaign')} cannot be read:"
-        raise DataError("\n  ".join([head, *(printable(str(one)) for one in faults)]))
-
-
-def processors() -> int:
-    """Return the number of processors that this process may use."""
-    import os
-
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def _summaries(places: Sequence[str], *, jobs: int, scheduler: str | None) -> "tuple[list[Summary], list[CfidError]]":
-    """Return the campaigns' summaries in order, with distinct names, and the errors of unreadable campaigns."""
-    from dataclasses import replace
-
-    from cfid.fleet.summary import Summary, summarise, with_shared
-    from cfid.fleet.workers import on_cluster, on_processes
-
-    number = min(jobs or processors(), -(-len(places) // _FOLDERS_FOR_A_PROCESS))
-    if scheduler is not None:
-        answers = dict(on_cluster(summarise, places, scheduler))
-    elif number < 2:
-        answers = {place: summarise(place) for place in places}
+    if out is not None and out.suffix not in _SUFFIXES:
+        raise ConfigError(f"{out}: should end in {', '.join(_SUFFIXES)}.")
+    places, faults = campaign_folders(folders or [], index)
+    if scheduler is None and len(places) < _FOLDERS_FOR_A_PROCESS:
+        answers = list(map(summarise, places))
     else:
-        answers = dict(on_processes(summarise, places, number=number))
-    read = [answers[place] for place in places]
-    summaries = [one for one in read if isinstance(one, Summary)]
-    names = Counter(one.name for one in summaries)
-    apart = [one if names[one.name] == 1 else replace(one, name=str(one.folder)) for one in summaries]
-    return with_shared(apart), [one for one in read if not isinstance(one, Summary)]
-
-
-def _hand_out(
-    comparisons: "Sequence[ComparedNumber]",
-    summaries: "Sequence[Summary]",
-    *,
-    details: bool,
-    out: Path | None,
-    json: bool,
-) -> None:
-    """Write the table to a file if one is named, else print it; print the JSON object if requested."""
-    from cfid.fleet import tables
-
+        with workers(jobs, scheduler) as pool:
+            answers = list(pool.map(summarise, places))
+    summaries = distinct([answer for answer in answers if not isinstance(answer, CfidError)])
+    faults += [answer for answer in answers if isinstance(answer, CfidError)]
+    numbers = compare(summaries)
     if out is not None:
-        rows = tables.detail_rows(comparisons, summaries) if details else tables.comparison_rows(comparisons)
-        tables.write_table(out, rows, title=counted(len(summaries), "campaign"))
+        _write(out, numbers)
     if json:
-        _print_json(comparisons, summaries)
+        _print_json(numbers, summaries)
     elif out is not None:
         echo(out)
-    else:
-        if details:
-            tables.print_details(comparisons, summaries)
-        tables.print_comparisons(comparisons, summaries)
+    elif summaries:
+        _print_screen(numbers, summaries)
+    _print_findings(summaries)
+    if faults:
+        total = counted(len(summaries) + len(faults), "campaign")
+        raise DataError("\n  ".join([f"{len(faults)} of {total} cannot be read:", *map(str, faults)]))
 
 
-def _print_findings(summaries: "Sequence[Summary]", *, details: bool) -> None:
-    """Print each finding; of many findings of one kind, print without `details` only the first and the count."""
-    found = defaultdict[str, list[tuple[str, str]]](list)
-    for summary in summaries:
-        for finding in summary.findings:
-            found[finding.code].append((summary.name, finding.text))
-    for code, every in found.items():
-        for name, text in every if details or len(every) <= _MOST_NAMES else every[:1]:
-            note(f"{name}: {text}")
-        if not details and len(every) > _MOST_NAMES:
-            campaigns = len({name for name, _ in every})
-            note(f"{code}: {len(every) - 1} more, in {campaigns} campaigns altogether; --details names them.")
+def _print_screen(numbers: "Sequence[ComparedNumber]", summaries: "Sequence[Summary]") -> None:
+    """Print a line for each number of the vehicles, those first that differ, and how many other numbers there are."""
+    runs = counted(sum(summary.complete_runs for summary in summaries), "complete run")
+    others = sum(summary.other_runs for summary in summaries)
+    echo(f"{counted(len(summaries), 'campaign')}, {runs}, {others} not complete")
+    if not numbers:
+        echo("No number is fitted in these campaigns.")
+        return
+    of_vehicles = [number for number in numbers if not number.of_run] or list(numbers)
+    ranked = sorted(of_vehicles, key=lambda number: _agree(number) and not (number.outliers or number.drifts))
+    table = Table(box=SIMPLE, pad_edge=False, padding=(0, 1, 0, 0))
+    table.add_column("number", overflow="fold")
+    for heading in ("mean", "scatter", "expected", "n"):
+        table.add_column(heading, no_wrap=True)
+    table.add_column("outliers", overflow="fold")
+    for number in ranked[:_MOST_LINES]:
+        table.add_row(*(Text(printable(cell)) for cell in _cells(number)))
+    print_table(table)
+    more = len(numbers) - table.row_count
+    if more:
+        echo(f"and {counted(more, 'number')} more: write the table to a file, or print JSON.")
+    apart = sum(not _agree(number) for number in numbers)
+    if apart:
+        echo(f"* {apart} of {len(numbers)} numbers differ by more than their uncertainties.")
 
 
-def _print_json(comparisons: "Sequence[ComparedNumber]", summaries: "Sequence[Summary]") -> None:
-    import json
-    from dataclasses import asdict
+def _agree(number: "ComparedNumber") -> bool:
+    return number.repeats is None or number.repeats.agree
 
-    from cfid.records.parameters import plain
 
+def _cells(number: "ComparedNumber") -> tuple[str, ...]:
+    """Return the line of a number: mean with its significant digits, scatters, how many values count, remarks."""
+    remarks = [", ".join(number.outliers[:_MOST_NAMES])] if number.outliers else []
+    if len(number.outliers) > _MOST_NAMES:
+        remarks[0] += f" and {len(number.outliers) - _MOST_NAMES} more"
+    if number.rejected:
+        remarks.append(f"{len(number.rejected)} rejected")
+    if number.unstated:
+        remarks.append(f"{len(number.unstated)} without std")
+    compared = number.repeats
+    if compared is None:
+        alone = next((known for known in number.values if known is not None and known.accepted), None)
+        mean = value_and_std(alone and alone.value, alone and alone.std)[0]
+        return number.name, mean, "", "", str(number.used), "; ".join(remarks)
+    if number.drifts:
+        remarks.append(f"{compared.drift_per_day:+.2g} +- {compared.drift_std_per_day:.1g} a day")
+    scatter = f"{compared.scatter:.2g}{'' if compared.agree else ' *'}"
+    expected = "" if number.expected_scatter is None else f"{number.expected_scatter:.2g}"
+    mean = value_and_std(compared.mean, compared.mean_std)[0]
+    return number.name, mean, scatter, expected, str(number.used), "; ".join(remarks)
+
+
+def _print_findings(summaries: "Sequence[Summary]") -> None:
+    """Print the first finding of each code, and the number of the others."""
+    findings = [(finding, summary.name) for summary in summaries for finding in summary.findings]
+    for code in dict.fromkeys(finding.code for finding, _ in findings):
+        same = [(finding.text, name) for finding, name in findings if finding.code == code]
+        more = f" ({len(same) - 1} more of {code}, in `--json`.)" if len(same) > 1 else ""
+        note(f"{same[0][1]}: {same[0][0]}{more}")
+
+
+def _row(number: "ComparedNumber") -> dict[str, Any]:
+    """Return what the file and the JSON object state of a number."""
+    statistics = dict.fromkeys(_STATISTICS) if number.repeats is None else asdict(number.repeats)
+    names = {"outliers": number.outliers, "rejected": number.rejected, "without_std": number.unstated}
+    return {
+        "unit": number.unit,
+        "used": number.used,
+        "expected_scatter": number.expected_scatter,
+        **statistics,
+        **names,
+    }
+
+
+def _write(path: Path, numbers: "Sequence[ComparedNumber]") -> None:
+    """Write a row for each number to a new file, in the format of its suffix. Raises ConfigError."""
+    from pandas import DataFrame
+
+    rows = [{"number": number.name, **_row(number)} for number in numbers]
+    texts = [
+        {key: printable("; ".join(value)) if isinstance(value, tuple) else value for key, value in row.items()}
+        for row in rows
+    ]
+    frame = DataFrame(texts).astype(dict.fromkeys(_STATISTICS if rows else (), float))  # even if no value is known
+    content = BytesIO()
+    try:
+        if path.suffix == ".csv":
+            frame.to_csv(content, index=False)
+        elif path.suffix == ".html":
+            content.write(frame.to_html(index=False, border=0, na_rep="", float_format="{:.6g}".format).encode())
+        else:
+            frame.to_parquet(content, index=False)
+        refuse_kept(path)
+        write_new(path, content.getvalue())
+    except ImportError:
+        raise ConfigError(f"{path}: Parquet needs pyarrow: pip install 'cfid[parquet]'.") from None
+    except FileExistsError:
+        raise ConfigError(f"{path} exists already: nothing was changed. Name another file.") from None
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written: {error.strerror}.") from None
+
+
+def _print_json(numbers: "Sequence[ComparedNumber]", summaries: "Sequence[Summary]") -> None:
     campaigns = [
-        {
-            "folder": str(summary.folder),
-            "vehicle": summary.vehicle,
-            "complete_runs": summary.complete_runs,
-            "other_runs": summary.other_runs,
-            "lab_book": summary.lab_book,
-            "findings": [finding.as_json() for finding in summary.findings],
-        }
+        {key: value for key, value in vars(summary).items() if key not in ("known", "recordings")}
+        | {"findings": [finding.as_json() for finding in summary.findings]}
         for summary in summaries
     ]
-    content = {
-        "command": "fleet",
-        "campaigns": campaigns,
-        "parameters": {
-            one.name: {
-                "unit": one.unit,
-                "values": [None if known is None else known.value for known in one.values],
-                "stds": [None if known is None else known.std for known in one.values],
-                "repeats": None if one.repeats is None else {**asdict(one.repeats), "agree": one.repeats.agree},
-            }
-            for one in comparisons
-        },
+    parameters = {
+        number.name: {
+            "values": [known and known.value for known in number.values],
+            "stds": [known and known.std for known in number.values],
+            "recorded": [known and known.recorded.isoformat() for known in number.values],
+            **_row(number),
+        }
+        for number in numbers
     }
-    echo(json.dumps(plain(content), indent=2, allow_nan=False))
+    content = {"command": "fleet", "campaigns": campaigns, "parameters": parameters}
+    echo(encoder.dumps(content, indent=2, allow_nan=False))

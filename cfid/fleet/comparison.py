@@ -1,22 +1,66 @@
-"""Compare each number across campaigns: mean, scatter against what the uncertainties explain, outliers and drift."""
+"""Compare each number of many campaigns: mean, scatter against what the uncertainties explain, outliers and drift."""
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path, PurePath
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import ndtri, stdtrit
+from scipy.special import ndtr, ndtri, stdtr, stdtrit
 
+from cfid.errors import CfidError, DataError
 from cfid.estimate.propagation import Repeats, repeats
-from cfid.fleet.summary import KnownValue, Summary
+from cfid.findings import Finding, warning
+from cfid.quantities.registry import is_of_the_run
+from cfid.records import lab_book
+from cfid.records.campaign import open_campaign
+from cfid.records.files import sha256_of
+from cfid.records.parameters import Section, Source
+from cfid.records.run import Run, list_runs
 
 Array = npt.NDArray[np.float64]
 
 FEWEST = 5  # values, for one of them to be called an outlier
-_FALSE = 0.01  # share of tables without outliers in which one is named
+_FALSE = 0.01  # share of numbers without outliers of which one is named
 _CERTAIN = 0.995  # confidence in a drift on one side: 99 % for both sides
-_OF_NORMAL = 1.4826  # standard deviation over median absolute deviation
+_LARGEST = 1e60  # of numbers that can be compared: the square of an edited one could overflow
+_START_IN_NAME = "%Y-%m-%d_%H%M%S"  # the start of a run, in its name
+
+
+class KnownValue(NamedTuple):
+    """A number of a campaign, with its standard uncertainty if known, and the time of its last recording.
+
+    `of_run` marks a number of one recording, such as the release angle of a swing.
+    """
+
+    name: str
+    value: float
+    std: float | None
+    unit: str
+    recorded: datetime
+    accepted: bool
+    of_run: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class Summary:
+    """A campaign's numbers, and findings on its recordings; `recordings` are the hashes of those behind its numbers.
+
+    `name` is the name of the folder, or its path if another folder of the fleet has the same name.
+    """
+
+    folder: str
+    name: str
+    vehicle: str
+    complete_runs: int
+    other_runs: int
+    known: tuple[KnownValue, ...]
+    lab_book: dict[str, dict[str, int]]
+    findings: tuple[Finding, ...]
+    recordings: frozenset[str]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,18 +75,14 @@ class ComparedNumber:
 
     name: str
     unit: str
+    of_run: bool
     values: tuple[KnownValue | None, ...]
+    used: int
     repeats: Repeats | None
     expected_scatter: float | None
     outliers: tuple[str, ...]
     rejected: tuple[str, ...]
     unstated: tuple[str, ...]
-
-    @property
-    def used(self) -> int:
-        """The number of values that count."""
-        accepted = sum(known is not None and known.accepted for known in self.values)
-        return accepted if self.expected_scatter is None else accepted - len(self.unstated)
 
     @property
     def drifts(self) -> bool:
@@ -52,6 +92,63 @@ class ComparedNumber:
             return False
         limit = ndtri(_CERTAIN) if found.probability is not None else stdtrit(self.used - 2, _CERTAIN)
         return bool(abs(found.drift_per_day) > limit * found.drift_std_per_day)
+
+
+def summarise(folder: str) -> Summary | CfidError:
+    """Return a campaign's summary or its error, so that one faulty campaign does not hide the others."""
+    try:
+        campaign = open_campaign(folder)
+        listed = list_runs(campaign.runs_folder)
+        runs = [run for run in listed if isinstance(run, Run)]
+        values = campaign.values(runs)
+        by_fit = values.by_fit
+    except CfidError as error:
+        return error
+    known, findings = (
+        [],
+        [warning("run-unreadable", f"{run} It does not count.") for run in listed if not isinstance(run, Run)],
+    )
+    for fit, quantities in by_fit.items():
+        recorded, axis = _recorded(fit.section, runs), fit.name.partition(" ")[2]
+        for quantity in quantities:
+            for number in quantity.parameter.numbers(quantity.key):
+                if number.value is None:
+                    continue
+                value, std = float(number.value), None if number.std is None else float(number.std)
+                if abs(value) < _LARGEST and (not std or 1 / _LARGEST < std < _LARGEST):
+                    name = f"{number.name} ({axis})" if axis else number.name  # fits such as `swing x` share names
+                    unit, of_run = quantity.parameter.unit, is_of_the_run(quantity.key)
+                    known.append(KnownValue(name, value, std, unit, recorded, quantity.accepted, of_run))
+                else:
+                    stated = f"{number.name} is {value:g}" if std is None else f"{number.name} is {value:g} +- {std:g}"
+                    findings.append(warning("number-not-compared", f"{stated}, which nobody measured: it is left out."))
+    sources = sorted({source for fit in by_fit for source in fit.section.sources}, key=lambda source: source.path)
+    complete = sum(run.header.state == "complete" for run in runs)
+    return Summary(
+        folder=folder,
+        name=campaign.folder.name,
+        vehicle=campaign.rig.vehicle.name,
+        complete_runs=complete,
+        other_runs=len(listed) - complete,
+        known=tuple(known),
+        lab_book=lab_book.summary(runs),
+        findings=(*findings, *filter(None, (_source_finding(campaign.folder, source) for source in sources))),
+        recordings=frozenset(source.sha256 for source in sources),
+    )
+
+
+def distinct(summaries: Sequence[Summary]) -> list[Summary]:
+    """Return summaries with distinct names, and a finding on each that shares recordings with an earlier one."""
+    names = Counter(summary.name for summary in summaries)
+    first, result = dict[str, str](), []
+    for summary in summaries:
+        name = summary.name if names[summary.name] == 1 else summary.folder
+        shared = [first[digest] for digest in sorted(summary.recordings) if digest in first]
+        first |= dict.fromkeys(summary.recordings - first.keys(), name)
+        text = f"rests on recordings of {shared[0]}, and both count: name one of them alone." if shared else ""
+        findings = (*summary.findings, *([warning("recordings-shared", text)] if text else []))
+        result.append(replace(summary, name=name, findings=findings))
+    return result
 
 
 def compare(summaries: Sequence[Summary]) -> list[ComparedNumber]:
@@ -67,41 +164,84 @@ def compare(summaries: Sequence[Summary]) -> list[ComparedNumber]:
 
 
 def _compared(name: str, values: Sequence[KnownValue | None], campaigns: Sequence[str]) -> ComparedNumber:
-    accepted = [(place, known) for place, known in zip(campaigns, values, strict=True) if known and known.accepted]
-    value = np.array([known.value for _, known in accepted])
-    std = np.array([known.std or np.nan for _, known in accepted], dtype=float)
-    stated = np.isfinite(std)
-    counts = stated if stated.sum() > 1 else np.full(len(std), fill_value=True)
-    time_s = np.array([known.recorded.timestamp() for _, known in accepted])
-    found = repeats(time_s=time_s[counts], value=value[counts], std=std[counts]) if counts.sum() > 1 else None
+    known = [(place, value) for place, value in zip(campaigns, values, strict=True) if value is not None]
+    accepted = [(place, value) for place, value in known if value.accepted]
+    stated = [(place, value) for place, value in accepted if value.std]
+    counting = stated if len(stated) > 1 else accepted
+    value = np.array([value.value for _, value in counting])
+    std = np.array([value.std or np.nan for _, value in counting])
+    time_s = np.array([value.recorded.timestamp() for _, value in counting])
+    is_stated = len(stated) > 1
     return ComparedNumber(
         name=name,
-        unit=next(known.unit for known in values if known is not None),
+        unit=known[0][1].unit,
+        of_run=known[0][1].of_run,
         values=tuple(values),
-        repeats=found,
-        expected_scatter=float(np.sqrt(np.mean(std[stated] ** 2))) if stated.sum() > 1 else None,
-        outliers=tuple(accepted[place][0] for place in outliers(value, std)),
-        rejected=tuple(
-            place for place, known in zip(campaigns, values, strict=True) if known is not None and not known.accepted
-        ),
-        unstated=tuple(place for (place, _), one in zip(accepted, stated, strict=True) if not one),
+        used=len(counting),
+        repeats=repeats(time_s=time_s, value=value, std=std) if len(counting) > 1 else None,
+        expected_scatter=float(np.sqrt(np.mean(std**2))) if is_stated else None,
+        outliers=tuple(counting[place][0] for place in outliers(value, std)) if is_stated else (),
+        rejected=tuple(place for place, value in known if not value.accepted),
+        unstated=tuple(place for place, value in accepted if not value.std),
     )
 
 
 def outliers(value: Array, std: Array) -> list[int]:
-    """Return the indices of outliers among values (n,) with standard uncertainties (n,), nan for unknown ones.
+    """Return the indices of outliers among values (n,) with standard uncertainties (n,), the farthest first.
 
-    A value is an outlier if its distance from the median exceeds a limit that only one in a hundred tables without
-    outliers would exceed. The unit of the distance is the scatter of the values, or the value's own uncertainty if that
-    is larger. The scatter is the median absolute deviation (F. R. Hampel, The influence curve and its role in robust
-    estimation, JASA 69, 1974), which outliers hardly widen. Student's t with half the degrees of freedom allows for the
-    median of few values. Among fewer than five values, none is called an outlier.
+    Each value is predicted from the others: their mean, with its own standard uncertainty and the scatter between the
+    others that their uncertainties leave (R. DerSimonian, N. Laird, Meta-analysis in clinical trials, Controlled
+    Clinical Trials 7, 1986). It is an outlier if its distance is improbable both for the normal distribution of what
+    is stated and for Student's t of the scatter that the others show, at a level that names an outlier in one of a
+    hundred numbers without any. The farthest is removed before the others are tested again. Among fewer than five
+    values, none is an outlier.
     """
-    count = len(value)
-    if count < FEWEST:
-        return []
-    distance = np.abs(value - np.median(value))
-    scale = np.fmax(_OF_NORMAL * np.median(distance), std)
-    limit = stdtrit((count - 1) / 2, 1 - _FALSE / (2 * count))
-    apart = np.flatnonzero(distance > limit * scale)
-    return [int(place) for place in apart[np.argsort(-distance[apart])]]
+    places, named = np.arange(len(value)), []
+    while len(places) >= FEWEST:
+        chances = [_chance_of_distance(value[places], std[places], place) for place in range(len(places))]
+        farthest = int(np.argmin(chances))
+        if chances[farthest] * len(places) > _FALSE:
+            break
+        named.append(int(places[farthest]))
+        places = np.delete(places, farthest)
+    return named
+
+
+def _chance_of_distance(value: Array, std: Array, place: int) -> float:
+    """Return the probability that a value lies as far from the mean of the others as it does."""
+    others, freedom = np.arange(len(value)) != place, len(value) - 2
+    weight = 1 / std[others] ** 2
+    spread = weight @ (value[others] - np.average(value[others], weights=weight)) ** 2
+    between = max(0.0, (spread - freedom) / (weight.sum() - weight @ weight / weight.sum()))
+    weight = 1 / (std[others] ** 2 + between)
+    mean = np.average(value[others], weights=weight)
+    ratio = weight @ (value[others] - mean) ** 2 / freedom
+    distance = abs(value[place] - mean) / np.sqrt(std[place] ** 2 + between + 1 / weight.sum())
+    by_scatter = stdtr(freedom, -distance / np.sqrt(ratio)) if ratio > 0 else 0.0
+    return 2 * float(max(ndtr(-distance), by_scatter))
+
+
+def _recorded(section: Section, runs: Sequence[Run]) -> datetime:
+    """Return the start time of a section's last run, or the time of the fit if it has no runs.
+
+    The name of a run states its start, which is used for a run that is elsewhere, as after a refit.
+    """
+    started = {run.folder.name: run.header.started for run in runs}
+    names = [PurePath(source.path).parent.name for source in section.sources]
+    times = [when for name in names if (when := started.get(name) or _start_in(name)) is not None]
+    return max(times, default=section.found)
+
+
+def _start_in(name: str) -> datetime | None:
+    try:
+        return datetime.strptime(name[: len("2026-11-21_083012")], _START_IN_NAME).replace(tzinfo=UTC)
+    except ValueError:
+        return None
+
+
+def _source_finding(folder: Path, source: Source) -> Finding | None:
+    try:
+        same = sha256_of(folder / source.path) == source.sha256
+    except DataError:
+        return warning("source-missing", f"{source.path} is missing.")
+    return None if same else warning("source-changed", f"{source.path} has changed since it was fitted.")

@@ -1,30 +1,37 @@
-"""Refit one campaign from its recordings: the task of one process, or of one worker of a cluster."""
+"""Refit campaigns from their recordings, each into a folder of its own."""
 
-import re
-import tempfile
+import json
 import time
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
-from pathlib import Path, PurePath
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Future, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
-from cfid.errors import CfidError, DataError
-from cfid.fleet.places import Place, at_hand
+from cfid.console.messages import clock, echo
+from cfid.counted import counted
+from cfid.errors import CfidError, ConfigError, DataError
+from cfid.fleet.campaigns import workers
 from cfid.fleet.recipes import NO_CHANGES, again, options_of
-from cfid.recordings.resumed import resumed_by
 from cfid.records.campaign import Campaign, open_campaign
-from cfid.records.files import RIG_FILE, RUNS_FOLDER
+from cfid.records.files import RIG_FILE, read_small
 from cfid.records.fits import BY_HAND, Fit, keep_fit, list_fits
-from cfid.records.parameters import Parameter, Section
-from cfid.records.run import Run, read_run
+from cfid.records.parameters import Parameter, Section, runs_of
+from cfid.records.run import read_run
 from cfid.version import __version__
 
+LOG = "refit.json"
+_LINES = 20  # printed about the progress
 _FARTHEST = 1e9  # standard uncertainties: larger moves, as after an edit of a value or std, count as this
-_RUN_NAME = re.compile(r"[A-Za-z0-9_+-][A-Za-z0-9_.+-]*")
+
+Outcome = Mapping[str, Any]  # the content of a refit.json
 
 
 @dataclass(frozen=True, kw_only=True)
 class Refit:
-    """One repeated fit, or a sentence on why it was not repeated.
+    """One repeated fit, or in `fault` a sentence on why it was not repeated.
 
     `moved` is the largest change of an accepted number, in standard uncertainties of the kept number, and `most` is the
     name of this number; they are None and "" where nothing can be compared.
@@ -37,120 +44,152 @@ class Refit:
     notes: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, kw_only=True)
-class Refitted:
-    """A refitted campaign: its files by name, and the outcome of each fit, or the `fault` if it cannot be read.
+def refit(folder: str, made: Path, changes: Mapping[str, str] = NO_CHANGES) -> Outcome:
+    """Repeat the fits that a campaign's values come from, in their order, in the new folder `made`.
 
-    `cfid_version` is kept because a cluster's worker may have another version of cfid.
+    `changes` replaces options of the fits. The folder gets the campaign's rig.toml, values set by hand, the new fits,
+    and refit.json, whose content is returned: campaign, version, changes, and the outcome of each fit. The campaign
+    itself is not changed. Raises CfidError when it cannot be read, OSError when the folder cannot be written.
     """
-
-    files: Mapping[str, bytes]
-    fits: tuple[Refit, ...]
-    processor_s: float
-    fault: str = ""
-    cfid_version: str = __version__
-
-
-def refit(campaign: str, changes: Mapping[str, str] = NO_CHANGES) -> Refitted:
-    """Repeat the fits that a campaign's values come from, in the original order, without changing the campaign.
-
-    `changes` replaces options of the fits. Raises no CfidError, since one faulty campaign must not stop the others.
-    """
-    began_s = time.process_time()
-    try:
-        with at_hand(campaign) as place, tempfile.TemporaryDirectory(prefix="cfid-fleet-") as made:
-            fits = tuple(_repeat_all(place, Path(made), changes))
-            files = {
-                path.relative_to(made).as_posix(): path.read_bytes() for path in Path(made).rglob("*") if path.is_file()
-            }
-    except CfidError as error:
-        return Refitted(files={}, fits=(), processor_s=time.process_time() - began_s, fault=str(error))
-    return Refitted(files=files, fits=fits, processor_s=time.process_time() - began_s)
-
-
-def _repeat_all(place: Place, folder: Path, changes: Mapping[str, str]) -> Iterable[Refit]:
-    """Make a campaign in a folder with the rig of the original campaign, and repeat the original fits in it."""
-    own = open_campaign(place.folder)
-    (folder / RIG_FILE).write_bytes((place.folder / RIG_FILE).read_bytes())
-    made = open_campaign(folder)
-    listed, values = list_fits(own.fits_folder), own.values()
-    unreadable = [fit for fit in listed if not isinstance(fit, Fit)]
+    campaign = open_campaign(folder)
+    listed, values = list_fits(campaign.fits_folder), campaign.values()
+    if not listed:
+        raise DataError(f"{campaign.fits_folder}: holds no fit that could be repeated.")
+    made.mkdir()
+    (made / RIG_FILE).write_bytes((campaign.folder / RIG_FILE).read_bytes())
+    target = open_campaign(made)
     fits = sorted({*values.by_fit, *values.in_force.values()}, key=lambda fit: fit.order)
     for fit in (fit for fit in fits if fit.name == BY_HAND):
-        keep_fit(made.fits_folder, fit)
-    if not listed:
-        raise DataError(f"{place.named(str(own.fits_folder))}: holds no fit that could be repeated.")
-    for fault in unreadable:
-        yield Refit(name="", fault=place.named(str(fault)))
+        keep_fit(target.fits_folder, fit)
+    outcomes = [Refit(name="", fault=str(fault)) for fault in listed if isinstance(fault, DataError)]
     for fit in (fit for fit in fits if fit.name != BY_HAND):
         try:
-            yield _repeat(fit, own, made, place, changes)
+            outcomes.append(_repeat(fit, campaign, target, changes))
         except CfidError as error:
-            yield Refit(name=fit.name, fault=place.named(str(error)))
+            outcomes.append(Refit(name=fit.name, fault=str(error)))
+    content = {
+        "campaign": folder,
+        "cfid_version": __version__,
+        "changes": dict(changes),
+        "fits": [asdict(outcome) for outcome in outcomes],
+    }
+    (made / LOG).write_text(json.dumps(content, indent=1, allow_nan=False))
+    return content
 
 
-def _repeat(fit: Fit, own: Campaign, made: Campaign, place: Place, changes: Mapping[str, str]) -> Refit:
-    runs, notes = _runs_of(fit, own, place)
-    options = options_of(fit, changes)
-    scales = [_scales(one, own, place) for one in options.get("verify") or ()]
-    brought = options | ({"verify": scales} if scales else {})
-    result = again(fit, [run.folder for run in runs], campaign=made.folder, options=brought)
-    before = {source.sha256 for source in fit.section.sources}
-    changed = [PurePath(source.path).name for source in result.sources if source.sha256 not in before]
-    if changed and not any("left out" in note for note in notes):
-        notes += (f"changed since it was fitted: {', '.join(changed)}.",)
-    sources = tuple(replace(source, path=place.named(source.path)) for source in result.sources)
-    made.keep(replace(result, sources=sources), force=options.get("force", False), options=options)
-    moves = moves_of(fit.section, made.fits()[-1].section.parameters)
-    if beyond := [name for move, name in moves if move == _FARTHEST]:
-        notes += (f"moved by {_FARTHEST:g} of the kept std or more: {', '.join(beyond)}.",)
-    moved, most = max(moves, default=(None, ""))
-    return Refit(name=fit.name, moved=moved, most=most, notes=notes)
+def refitted(folders: Sequence[str], out: Path, changes: Mapping[str, str]) -> Iterator[tuple[str, Path, Outcome]]:
+    """Yield each campaign with its folder in `out` and the content of its refit.json, {} for one not refitted yet.
 
-
-def _runs_of(fit: Fit, own: Campaign, place: Place) -> tuple[list[Run], tuple[str, ...]]:
-    """Return a fit's runs, except those excluded since, and notes. Raises DataError for a fit of other files."""
-    paths = [PurePath(source.path) for source in fit.section.sources]
-    elsewhere = [
-        str(path)
-        for path in paths
-        if path.parts[:1] != (RUNS_FOLDER,) or len(path.parts) != 3 or not _RUN_NAME.fullmatch(path.parts[1])
-    ]
-    if elsewhere or not paths:
-        where = elsewhere[0] if elsewhere else "no file"
-        raise DataError(f"was made from {where}, which is no run of the campaign: fit it by hand.")
-    runs = []
-    for name in dict.fromkeys(path.parts[1] for path in paths):
-        place.bring_run(name)
-        runs.append(read_run(own.runs_folder / name))
-    left = [run.folder.name for run in runs if run.header.excluded]
-    if len(left) == len(runs):
-        raise DataError(f"all its runs are excluded now: {', '.join(left)}.")
-    notes = (f"left out, since excluded: {', '.join(left)}.",) if left else ()
-    return [run for run in runs if not run.header.excluded], notes
-
-
-def _scales(named: Path, own: Campaign, place: Place) -> Path:
-    """Return the path of the recording of scales that verified a fit: a file, or the folder of a named run.
-
-    The runs that this run completes are fetched too.
+    Campaigns of one name have numbered folders, in the given order. Raises ConfigError for a folder that was refitted
+    by another version or with other changes, and for one that no refit made.
     """
-    if named.exists() or not _RUN_NAME.fullmatch(str(named)):
-        return named
-    names = [str(named)]
-    while _RUN_NAME.fullmatch(names[-1]) and names[-1] not in names[:-1]:
-        place.bring_run(names[-1])
-        names.append(resumed_by(read_run(own.runs_folder / names[-1])))
-    return own.runs_folder / named
+    taken = set[str]()
+    for folder in folders:
+        name, number = Path(folder).name, 1
+        outcome: Outcome = {}
+        while name in taken or ((out / name).exists() and (outcome := _log(out / name))["campaign"] != folder):
+            number += 1
+            name, outcome = f"{Path(folder).name}-{number}", {}
+        taken.add(name)
+        if outcome and (outcome["cfid_version"], outcome["changes"]) != (__version__, changes):
+            options = ", ".join(f"{key} {value}" for key, value in outcome["changes"].items()) or "no changes"
+            raise ConfigError(
+                f"{out / name}: was refitted by cfid {outcome['cfid_version']} with {options}: name a new folder."
+            )
+        yield folder, out / name, outcome
+
+
+def refits(
+    waiting: Mapping[Path, str], out: Path, changes: Mapping[str, str], *, jobs: int, scheduler: str | None
+) -> Iterator[tuple[Path, Outcome | CfidError]]:
+    """Refit the campaigns, by the folders to make; yield each with its outcome or why there is none, in any order.
+
+    A folder gets its name when it is complete, so that an interruption leaves no incomplete one. Raises ConfigError
+    where nothing can be written.
+    """
+    if not waiting:
+        return
+    began_s = time.monotonic()
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        with TemporaryDirectory(dir=out, prefix=".incomplete-") as half, workers(jobs, scheduler) as pool:
+            futures = {
+                pool.submit(refit, folder, Path(half) / made.name, changes): made for made, folder in waiting.items()
+            }
+            for count, future in enumerate(as_completed(futures), 1):
+                made = futures[future]
+                outcome = _outcome_of(future, waiting[made])
+                if not isinstance(outcome, CfidError):
+                    (Path(half) / made.name).rename(made)
+                yield made, outcome
+                if count == len(futures) or count % -(-len(futures) // _LINES) == 0:
+                    spent_s = time.monotonic() - began_s
+                    rest = f", {clock(spent_s / count * (len(futures) - count))} to go" if count < len(futures) else ""
+                    echo(f"{count} of {counted(len(futures), 'campaign')} in {clock(spent_s)}{rest}", err=True)
+    except OSError as error:
+        raise ConfigError(f"{out}: cannot be written: {error.strerror or error}.") from None
+
+
+def _outcome_of(future: "Future[Outcome]", folder: str) -> Outcome | CfidError:
+    try:
+        outcome = future.result()
+    except CfidError as error:
+        return error
+    except BrokenProcessPool:
+        return DataError(
+            f"{folder}: a process died, perhaps for lack of memory, and ended the others. The same command continues; "
+            "fewer `jobs` take less memory."
+        )
+    except Exception as error:  # a bug, or an error of the cluster, must not stop the other campaigns
+        return DataError(f"{folder}: {type(error).__name__}: {error}".splitlines()[0])
+    if outcome["cfid_version"] != __version__:
+        return DataError(f"{folder}: the worker has cfid {outcome['cfid_version']}, this is {__version__}.")
+    return outcome
+
+
+def _log(folder: Path) -> Outcome:
+    try:
+        content = json.loads(read_small(folder / LOG))
+        return {key: content[key] for key in ("campaign", "cfid_version", "changes", "fits")}
+    except (OSError, ValueError, TypeError, KeyError):
+        raise ConfigError(f"{folder}: exists, and no refit made it: name a new folder.") from None
+
+
+def _repeat(fit: Fit, campaign: Campaign, target: Campaign, changes: Mapping[str, str]) -> Refit:
+    elsewhere = [source.path for source in fit.section.sources if not source.run]
+    if elsewhere or not fit.section.sources:
+        raise DataError(
+            f"was made from {(elsewhere or ['no file'])[0]}, which is no run of the campaign: fit it by hand."
+        )
+    runs = [read_run(campaign.runs_folder / name) for name in runs_of(fit.section.sources)]
+    excluded = [run.folder.name for run in runs if run.header.excluded]
+    if len(excluded) == len(runs):
+        raise DataError(f"all its runs are excluded now: {', '.join(excluded)}.")
+    options = options_of(fit, changes)
+    if scales := options.get("verify"):  # names of runs, which the new campaign does not have
+        options["verify"] = [path if path.exists() else campaign.runs_folder / path for path in scales]
+    used = [run.folder for run in runs if not run.header.excluded]
+    result = again(fit, used, campaign=target.folder, options=options)
+    changed = [Path(source.path).name for source in result.sources if source.sha256 not in fit.hashes]
+    target.keep(result, force=options.get("force", False), options=options)
+    moves = moves_of(fit.section, target.fits()[-1].section.parameters)
+    notes = {
+        "left out, since excluded": excluded,
+        "changed since it was fitted": [] if excluded else changed,
+        f"moved by {_FARTHEST:g} of the kept std or more": [name for move, name in moves if move == _FARTHEST],
+    }
+    moved, most = max(moves, default=(None, ""))
+    texts = tuple(f"{text}: {', '.join(names)}." for text, names in notes.items() if names)
+    return Refit(name=fit.name, moved=moved, most=most, notes=texts)
 
 
 def moves_of(kept: Section, made: Mapping[str, Parameter]) -> list[tuple[float, str]]:
     """Return the change of each number, in standard uncertainties of the kept number up to a limit, and its name."""
-    new = {one.name: one.value for key, found in made.items() for one in found.numbers(key)}
+    new = {number.name: number.value for key, parameter in made.items() for number in parameter.numbers(key)}
     return [
-        (min(abs(value - one.value) / one.std, _FARTHEST), one.name)
-        for key, found in kept.parameters.items()
+        (min(abs(value - number.value) / number.std, _FARTHEST), number.name)
+        for key, parameter in kept.parameters.items()
         if key not in kept.rejected
-        for one in found.numbers(key)
-        if one.std and one.value is not None and (value := new.get(one.name)) is not None
+        for number in parameter.numbers(key)
+        if number.std and number.value is not None and (value := new.get(number.name)) is not None
     ]

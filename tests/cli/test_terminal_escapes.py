@@ -61,7 +61,7 @@ def test_reasons_and_names_of_runs_are_printed_without_escapes_and_begin_no_line
         ("parameters",),
         ("export", "list"),
         ("report", "--format", "md"),
-        ("fleet", place, "--details"),
+        ("fleet", place),
     ):
         said = cfid(*words, folder=place)
         assert harmless(said), (words, said.stdout, said.stderr)
@@ -72,7 +72,7 @@ def test_reasons_and_names_of_runs_are_printed_without_escapes_and_begin_no_line
 def test_a_fleets_table_has_no_escapes_of_its_campaigns(cfid: Cfid, campaign: Path, tmp_path: Path, name: str) -> None:
     (campaign / RIG_FILE).write_text(new_rig_text().replace('name = "', 'name = "\\u001b[2J\\u0007'))
     assert cfid("set", "mass_kg", "0.03", folder=campaign).returncode == 0
-    said = cfid("fleet", campaign, "--details", "--out", name, folder=tmp_path)
+    said = cfid("fleet", campaign, "--out", name, folder=tmp_path)
     assert said.returncode == 0, said.stderr
     assert harmless(said), said.stdout
     assert all(letter.isprintable() or letter == "\n" for letter in (tmp_path / name).read_text())

@@ -60,7 +60,7 @@ def _slow_tests() -> tuple[str, ...]:
 
 
 def _benches() -> tuple[str, ...]:
-    sized = {"encoder_logger": "BENCH_SECONDS", "loadcell_logger": "BENCH_SECONDS", "fleet": "BENCH_CAMPAIGNS"}
+    sized = {"encoder_logger": "BENCH_SECONDS", "loadcell_logger": "BENCH_SECONDS"}
     names = sorted(path.stem for path in ROOT.glob("tests/bench/*.py"))
     commands = (f"{f'{sized[name]}={{size}} ' if name in sized else ''}python tests/bench/{name}.py" for name in names)
     return (*commands, "python tests/bench/transfer_identify.py 7000")
