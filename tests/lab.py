@@ -88,11 +88,12 @@ def made_run(
     *,
     facts_of: Mapping[str, Mapping[str, Any]] = {},
     state: State = "complete",
+    lost: Mapping[str, int] = {},
     **more: Any,
 ) -> Run:
     """Write a run into the campaign's runs; each device has its columns (n,) by their names.
 
-    `facts_of` are what devices state besides; `more` are other arguments of `create_run`.
+    `facts_of` are what devices state besides, `lost` how many samples they lost; `more` are other arguments of `create_run`.
     """
     records = {
         name: DeviceRecord.model_validate({"file": f"{name}.csv", "columns": tuple(columns), **facts_of.get(name, {})})
@@ -104,7 +105,7 @@ def made_run(
             rows = tuple(columns.values())
             if len(rows[0]):
                 writer.append(name, rows)
-        return writer.close(state)
+        return writer.close(state, lost=lost)
 
 
 def with_axes(run: Run, *axes: str) -> Run:

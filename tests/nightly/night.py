@@ -29,7 +29,7 @@ from typing import Any, NamedTuple
 from tests.lab import ROOT
 from tests.nightly.readers import READERS
 
-LONGEST = ("test_memory_of_logs.py", "test_flight_fits.py", "test_demo.py")  # 40 minutes and more: started first
+LONGEST = ("test_memory.py", "test_flight_fits.py", "test_demo.py")  # 40 minutes and more: started first
 ENDED = "exit code"
 TIME_LIMIT = "none: ended at its time limit"
 FUZZ_CASES = 100_000  # of all readers

@@ -27,12 +27,6 @@ def test_an_index_without_its_columns_or_its_rows_is_refused(tmp_path: Path, tex
         read_index(written(tmp_path, text), columns=("l",), optional=("n",))
 
 
-def test_columns_that_an_index_does_not_need_are_named(tmp_path: Path) -> None:
-    (finding,) = read_index(written(tmp_path, "l,colour\n1,red\n"), columns=("l",)).findings
-    assert finding.code == "index-unused"
-    assert "colour" in finding.text
-
-
 @pytest.mark.parametrize(
     ("head", "row"),
     [

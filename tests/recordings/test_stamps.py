@@ -1,6 +1,5 @@
 """Samples that reach a busy computer late get their times from the stamps of the device that took them."""
 
-from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +9,7 @@ import pytest
 from cfid.recordings.angle import AngleRecord, angle_record
 from cfid.recordings.stamps import stamped_times
 from cfid.records.rig_file import STAMP
-from cfid.records.run import DeviceRecord, Label
-from cfid.records.run_writer import create_run
+from tests.lab import codes, made_run
 
 Array = npt.NDArray[np.float64]
 
@@ -35,20 +33,13 @@ def busy(rng: np.random.Generator, *, seconds: float = 4.0) -> tuple[Array, Arra
 def recorded(folder: Path, taken_s: Array, arrived_s: Array, sent_us: npt.NDArray[np.int64]) -> AngleRecord:
     """Return the record that is read from a run in which a pendulum's angles arrived with a device's stamps."""
     angle = np.round(40 * np.exp(-taken_s / 20) * np.cos(14 * taken_s) * 4096 / 360).astype(int) + 2000
-    devices = {"encoder": DeviceRecord(file="encoder.csv", columns=("t", "phi", STAMP), counts_per_turn=4096.0)}
-    begun = datetime(2026, 1, 1, tzinfo=UTC)
-    with create_run(folder, kind="swing", label=Label(), devices=devices, started=begun, cfid_version="0") as run:
-        run.append("encoder", (arrived_s, angle, sent_us))
-    return angle_record(run.folder)
-
-
-def codes(record: AngleRecord) -> list[str]:
-    return [finding.code for finding in record.findings]
+    columns = {"encoder": {"t": arrived_s, "phi": angle, STAMP: sent_us}}
+    return angle_record(made_run(folder, "swing", columns, facts_of={"encoder": {"counts_per_turn": 4096.0}}).folder)
 
 
 def test_stalls_of_16_ms_leave_intervals_true_within_their_stated_scale() -> None:
     scores = []
-    for seed in range(20):
+    for seed in range(10):
         taken, arrived, stamps = busy(np.random.default_rng(seed))
         found = stamped_times(arrived, stamps)
         assert found is not None

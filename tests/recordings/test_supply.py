@@ -36,8 +36,7 @@ def test_a_supply_that_is_set_to_other_voltages_keeps_them(volts: Array) -> None
     assert not supply.impossible(volts + np.random.default_rng(4).normal(0, 0.01, len(volts))).any()
 
 
-@pytest.mark.parametrize("cells", [1, 6])
-@pytest.mark.parametrize("times", [0.3, 2.0])
+@pytest.mark.parametrize(("cells", "times"), [(1, 0.3), (6, 2.0)])
 @pytest.mark.parametrize(("begin", "count"), [(0, 1), (1000, 350), (ROWS - 30, 30)])
 def test_voltages_that_jump_far_off_the_others_and_back_are_impossible(
     cells: int, times: float, begin: int, count: int

@@ -9,7 +9,7 @@ import pytest
 
 from cfid.errors import ConfigError, DataError
 from cfid.recordings.recording import How
-from cfid.recordings.table import BLOCK_BYTES, Table, read_table
+from cfid.recordings.table import Table, read_table
 from cfid.recordings.times import series_of
 
 Written = Callable[[str | bytes], Path]
@@ -89,15 +89,11 @@ def test_a_table_in_which_many_lines_have_too_many_fields_is_refused_by_its_line
     assert error.value.code == "damaged-lines"
 
 
-def test_rows_are_selected_by_a_word(written: Written) -> None:
-    table = read_table(written("kind,a\nx,1\ny,2\nx,3\n"), How(rows=(("kind", "x"),)))
-
-    assert np.array_equal(table.columns[1].values, [1, 3])
-    assert table.line_of_row(1) == 4
-
-
-def test_a_column_that_is_filled_late_keeps_its_numbers_in_a_large_file(written: Written) -> None:
-    rows = BLOCK_BYTES // 8
+def test_a_column_that_is_filled_late_keeps_its_numbers_in_a_large_file(
+    written: Written, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("cfid.recordings.table.BLOCK_BYTES", 1 << 14)
+    rows = 4096
     text = "t_s,late\n" + "".join(f"{row},\n" for row in range(rows)) + "".join(f"{rows + row},7\n" for row in range(9))
     table = read_table(written(text))
 
@@ -191,12 +187,6 @@ def test_a_column_is_taken_in_its_unit_or_asks_for_one(written: Written) -> None
     with pytest.raises(DataError) as other:
         series.si("Thrust", "V")
     assert other.value.code == "other-unit"
-
-
-def test_an_option_that_nothing_uses_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="`clock`") as error:
-        How(clock="84/85", rate_hz=100).refuse_unused(tmp_path, "rate_hz")
-    assert error.value.code == "unused"
 
 
 def test_a_unit_of_t_and_phi_is_that_of_the_time_and_the_angle_whatever_they_are_called(written: Written) -> None:
