@@ -93,7 +93,8 @@ def made_run(
 ) -> Run:
     """Write a run into the campaign's runs; each device has its columns (n,) by their names.
 
-    `facts_of` are what devices state besides, `lost` how many samples they lost; `more` are other arguments of `create_run`.
+    `facts_of` are what devices state besides, `lost` how many samples they lost, and `more` other arguments of
+    `create_run`.
     """
     records = {
         name: DeviceRecord.model_validate({"file": f"{name}.csv", "columns": tuple(columns), **facts_of.get(name, {})})

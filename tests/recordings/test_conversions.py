@@ -5,6 +5,7 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -25,7 +26,7 @@ TIME_S = 1_763_712_345.123457 + np.arange(1000) * 1e-3
 
 
 def run(folder: Path) -> Path:
-    devices = {
+    devices: dict[str, dict[str, Any]] = {
         "encoder": {"t": TIME_S, "phi": COUNTS},
         "crazyflie": {"t": TIME_S[::10], "vehicle_ms": np.arange(100), "pm.vbat": ANGLE[::10]},
         "crossings": {"t": [], "thrust_rec": []},
