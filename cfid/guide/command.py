@@ -157,9 +157,6 @@ def _print_json(found: "Status") -> None:
             }
             for status in found.tasks
         ],
-        "not_usable": [
-            {"run": one.run, "reason": one.reason, "command": list(one.again.words)} for one in found.unusable
-        ],
         "beside": list(found.beside),
         "next": {"command": list(found.next.words), "why": found.next.why},
     }

@@ -17,10 +17,6 @@ KINDS: Mapping[CampaignKind, tuple[str, ...]] = {
     "afternoon": ("inertia", "thrust", "torque"),
 }
 
-_WEIGHTS_G = (20, 30, 40)
-_WINDS = 6
-_ABOVE_IDLE: Words = ("--from", "8000", "--motor", "1,2,3,4")  # for a Brushless: unused rotors idle at 7000, and pull
-
 
 @dataclass(frozen=True, kw_only=True)
 class Assignment:
@@ -64,6 +60,58 @@ class Task:
     aims: tuple[str, ...]
 
 
+def _motors_run(command: str, reminder: str, *, questions: Mapping[str, str] | None = None) -> Assignment:
+    """Return a recording without a label, whose kind of run is the second word of its command."""
+    words = tuple(command.split())
+    return Assignment(words=words, reminder=reminder, kind=words[1], questions=questions)
+
+
+# A Brushless starts above 7000, at which its unused rotors idle, and pull.
+_ABOVE_IDLE = "--from 8000 --motor 1,2,3,4"
+_FASTENED = "Fasten the vehicle on the load cell, propellers on, a full battery in."
+_WIND_QUESTIONS = {
+    "angle": "Angle of the generator to the vertical, in degrees",
+    "volts": "Voltage at its fan",
+    "wind": "Lowest and highest wind in m/s, as 2.0,3.7",
+}
+_STILL_AIR = _motors_run(
+    "log wind --wind 0,0", "Fasten the vehicle on the load cell as it will stand in the wind; no wind blows."
+)
+_WIND = _motors_run(
+    "log wind --angle {angle} --fan-voltage {volts} --wind {wind}",
+    "Set the wind generator to another angle or voltage, and measure the wind at the vehicle.",
+    questions=_WIND_QUESTIONS,
+)
+_MOTORS: Mapping[str, tuple[Assignment, ...]] = {
+    "thrust": (_motors_run("log thrust", _FASTENED),),
+    "torque": (_motors_run("log thrust", _FASTENED),),
+    "speed": (
+        _motors_run("log speed", "Point the tachometer at rotor 1, with its strips on, a full battery in."),
+    ),
+    "latency": (_motors_run("log ping", "Switch the vehicle on; no motor turns."),),
+    "tf": (_motors_run("log sine", _FASTENED),),
+    "drag": (_STILL_AIR, *[_WIND] * 6),
+}  # fmt: skip
+_BRUSHLESS: Mapping[str, tuple[Assignment, ...]] = {
+    "thrust": (_motors_run(f"log thrust {_ABOVE_IDLE}", _FASTENED),),
+    "torque": (),  # the torques of its four rotors cancel
+    "speed": (
+        _motors_run(
+            f"log speed --tachometer brushless {_ABOVE_IDLE}", "Fasten the vehicle, propellers on, a full battery in."
+        ),
+    ),
+}
+_DROPS = tuple(
+    Assignment(
+        words=("log", "encoder", "--weight", str(grams), "--for", "20"),
+        reminder=f"Wind the line around the axis in one layer, hang {grams} g on it, and start; then let it go.",
+        kind="drop",
+        label=Label(weight_g=grams),
+    )
+    for grams in (20, 30, 40)
+)
+
+
 def tasks(
     rig: Rig, *, kind: CampaignKind | None = None, swung: Sequence[str] = (), by_gyro: bool = False
 ) -> tuple[Task, ...]:
@@ -77,24 +125,14 @@ def tasks(
     mounts = sorted(rig.mounts)
     random.Random(rig.campaign.seed).shuffle(mounts)
     mounts = list(dict.fromkeys((*(mount for mount in swung if mount in rig.mounts), *mounts)))
-    brushless = rig.vehicle.platform == "cf21bl"
-    forces = Assignment(
-        words=("log", "thrust", *(_ABOVE_IDLE if brushless else ())),
-        reminder="Fasten the vehicle on the load cell, propellers on, a full battery in.",
-        kind="thrust",
-    )
     recordings: Mapping[str, tuple[Assignment, ...]] = {
         "inertia": (
             *(_swing(mount, rig, by_gyro=by_gyro) for mount in mounts),
             *(_swing(mount, rig, by_gyro=by_gyro, repeats=True) for mount in mounts[:1]),
         ),
-        "friction": tuple(map(_drop, _WEIGHTS_G)) if rig.friction is not None else (),
-        "thrust": (forces,),
-        "torque": () if brushless else (forces,),  # the torques of its four rotors cancel
-        "speed": (_SPEED_OF_BRUSHLESS if brushless else _SPEED,),
-        "latency": (_PINGS,),
-        "tf": (_SINES,),
-        "drag": (_STILL, *[_WINDY] * _WINDS),
+        "friction": _DROPS if rig.friction is not None else (),
+        **_MOTORS,
+        **(_BRUSHLESS if rig.vehicle.platform == "cf21bl" else {}),
     }
     return tuple(
         Task(
@@ -111,55 +149,12 @@ def tasks(
 def _swing(mount: str, rig: Rig, *, by_gyro: bool, repeats: bool = False) -> Assignment:
     words: Words = ("log", "encoder", "--axis", mount, "--for", "20")
     reminder = f"Hang the vehicle on mount {mount}, let it rest, and start; then lift it and let go within 5 s."
-    if rig.mounts[mount].threads is not None:
+    if rig.mounts[mount].threads is not None or by_gyro:
         words = ("log", "gyro", "--axis", mount, "--for", "30")
+        reminder = f"Turn it on. {reminder}"
+    if rig.mounts[mount].threads is not None:
         reminder = (
             f"Hang the vehicle on the threads of mount {mount}, turn it on, let it rest, and start; then turn it by 30 "
             "to 60 degrees and let go within 5 s."
         )
-    elif by_gyro:
-        words = ("log", "gyro", "--axis", mount, "--for", "30")
-        reminder = f"Turn it on. {reminder}"
     return Assignment(words=words, reminder=reminder, kind="swing", label=Label(axis=mount), repeats=repeats)
-
-
-def _drop(grams: int) -> Assignment:
-    return Assignment(
-        words=("log", "encoder", "--weight", str(grams), "--for", "20"),
-        reminder=f"Wind the line around the axis in one layer, hang {grams} g on it, and start; then let it go.",
-        kind="drop",
-        label=Label(weight_g=grams),
-    )
-
-
-_SPEED = Assignment(
-    words=("log", "speed"),
-    reminder="Point the tachometer at rotor 1, with its strips on, a full battery in.",
-    kind="speed",
-)
-_SPEED_OF_BRUSHLESS = Assignment(
-    words=("log", "speed", "--tachometer", "brushless", *_ABOVE_IDLE),
-    reminder="Fasten the vehicle, propellers on, a full battery in.",
-    kind="speed",
-)
-_PINGS = Assignment(words=("log", "ping"), reminder="Switch the vehicle on; no motor turns.", kind="ping")
-_SINES = Assignment(
-    words=("log", "sine"),
-    reminder="Fasten the vehicle on the load cell, the propellers on, a full battery in.",
-    kind="sine",
-)
-_STILL = Assignment(
-    words=("log", "wind", "--wind", "0,0"),
-    reminder="Fasten the vehicle on the load cell as it will stand in the wind; no wind blows.",
-    kind="wind",
-)
-_WINDY = Assignment(
-    words=("log", "wind", "--angle", "{angle}", "--fan-voltage", "{volts}", "--wind", "{wind}"),
-    reminder="Set the wind generator to another angle or voltage, and measure the wind at the vehicle.",
-    kind="wind",
-    questions={
-        "angle": "Angle of the generator to the vertical, in degrees",
-        "volts": "Voltage at its fan",
-        "wind": "Lowest and highest wind in m/s, as 2.0,3.7",
-    },
-)

@@ -17,7 +17,7 @@ from cfid.records.fits import Fit
 from cfid.records.rig_file import CampaignKind
 from cfid.records.run import Run, list_runs
 from cfid.records.values import Values
-from cfid.transfer.plan import Sine, SineSweep, missing_sines
+from cfid.transfer.plan import SineSweep, missing_sines
 
 State = Literal["missing", "not fitted", "stale", "rejected", "accepted"]
 
@@ -43,15 +43,6 @@ class TaskStatus:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Unusable:
-    """A run that was judged not usable and that no later run replaces: why, and how to record it again."""
-
-    run: str
-    reason: str
-    again: Assignment
-
-
-@dataclass(frozen=True, kw_only=True)
 class Next:
     """The command that comes next, the reason, and the recording that it makes, if any."""
 
@@ -67,25 +58,44 @@ class Next:
 
 @dataclass(frozen=True, kw_only=True)
 class Status:
-    """A campaign's tasks; its unusable runs; fits `beside` the plan; and unreadable runs, as sentences.
+    """A campaign's tasks, fits `beside` the plan, and unreadable runs, as sentences.
 
     `kind` is the kind of campaign if that of rig.toml was replaced.
     """
 
     tasks: tuple[TaskStatus, ...]
-    unusable: tuple[Unusable, ...] = ()
     beside: tuple[str, ...] = ()
     unreadable: tuple[str, ...] = ()
     kind: CampaignKind | None = None
 
     @cached_property
     def next(self) -> Next:
-        """What comes next."""
-        return next_of(self.tasks, kind=self.kind)
+        """What comes next: the first step to record or fit, else to repeat, else to improve, else the report."""
+        for status in self.tasks:
+            name, reason = status.task.section, status.reason
+            if status.state == "missing":
+                why = f"{name}: {status.recorded} of {counted(len(status.task.recordings), 'run')} recorded. {reason}"
+                return _recorded_next(status.lacking[0], why.rstrip())
+            if status.state in ("not fitted", "stale"):
+                return Next(words=status.task.fit, why=f"{name}: {reason}")
+        for status in self.tasks:
+            if status.state == "rejected":
+                advice = "Leave out a run that was wrong: cfid runs exclude RUN."
+                why = f"{status.task.section} was rejected: {status.reason} {advice}"
+                return _recorded_next(status.retry or status.task.recordings[-1], why)
+        report: Words = ("report", *(("--kind", self.kind) if self.kind else ()))
+        unsure = [(found, status.task) for status in self.tasks for found in status.found if found.short_by > 1]
+        if weak := [(found, task) for found, task in unsure if not found.bounded_by]:
+            found, task = max(weak, key=lambda pair: pair[0].short_by)
+            enough = f"If it is enough: cfid {' '.join(report)}."
+            why = f"{found.key} is known to {percent(found.std)}; {found.aim.purpose}. {enough}"
+            return _recorded_next(task.recordings[-1], why)
+        sure = "as sure as rig.toml allows" if unsure else "sure enough"
+        return Next(words=report, why=f"everything is found, and {sure}.")
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Sentences on the state of fits, on what a repetition would show, and on unusable runs.
+        """Sentences on the state of fits and on what a repetition would show.
 
         A reason that the next step already states is left out.
         """
@@ -103,16 +113,16 @@ class Status:
             for found in status.found
             if found.bounded_by
         ]
-        again = [f"{one.run}: NOT USABLE: {one.reason} Record it again: {one.again.command}" for one in self.unusable]
-        return (*reasons, *bounded, *again)
+        return (*reasons, *bounded)
 
 
 def status_of(campaign: Campaign, *, kind: CampaignKind | None = None) -> Status:
     """Return the state of a campaign, for which each run.toml and each fit is read once."""
     listed = list_runs(campaign.runs_folder)
     runs = [run for run in listed if isinstance(run, Run)]
+    included = [run for run in runs if not run.header.excluded]
     values = campaign.values(runs)
-    swings = [run for run in runs if run.header.kind == "swing" and not run.header.excluded]
+    swings = [run for run in included if run.header.kind == "swing"]
     by_gyro = ["encoder" not in run.header.devices for run in swings if run.usable]
     planned = tasks(
         campaign.rig,
@@ -120,69 +130,37 @@ def status_of(campaign: Campaign, *, kind: CampaignKind | None = None) -> Status
         swung=[run.header.label.axis or "" for run in swings if is_vehicle(run.header.label)],
         by_gyro=bool(by_gyro) and by_gyro[-1],
     )
-    statuses = tuple(
-        replace(_status(task, runs, values), found=tuple(certainty_of(values, key) for key in task.aims))
-        for task in planned
-    )
-    names = {status.task.section for status in statuses}
+    statuses = tuple(_status(task, included, runs, values) for task in planned)
+    names = {task.section for task in planned}
     return Status(
         tasks=statuses,
-        unusable=_unusable(statuses, runs),
         beside=tuple(dict.fromkeys(fit.name for fit in values.by_fit if fit.name not in names)),
         unreadable=tuple(str(error) for error in listed if not isinstance(error, Run)),
         kind=kind,
     )
 
 
-def next_of(statuses: Sequence[TaskStatus], *, kind: CampaignKind | None = None) -> Next:
-    """Return what comes next: the first step to record or fit, else to repeat, else to improve, else the report.
-
-    The report is for the `kind` of campaign that was given in place of that in rig.toml.
-    """
-    report: Words = ("report", *(("--kind", kind) if kind else ()))
-    for status in statuses:
-        name, reason = status.task.section, status.reason
-        if status.state == "missing":
-            recording = status.lacking[0]
-            why = f"{name}: {status.recorded} of {counted(len(status.task.recordings), 'run')} recorded. {reason}"
-            return Next(words=recording.words, why=why.rstrip(), recording=recording)
-        if status.state in ("not fitted", "stale"):
-            return Next(words=status.task.fit, why=f"{name}: {reason}")
-    for status in statuses:
-        if status.state == "rejected":
-            recording = status.retry or status.task.recordings[-1]
-            advice = "Leave out a run that was wrong: cfid runs exclude RUN."
-            why = f"{status.task.section} was rejected: {status.reason} {advice}"
-            return Next(words=recording.words, why=why, recording=recording)
-    unsure = [(found, status.task) for status in statuses for found in status.found if found.short_by > 1]
-    if weak := [pair for pair in unsure if not pair[0].bounded_by]:
-        found, task = max(weak, key=lambda pair: pair[0].short_by)
-        enough = f"If it is enough: cfid {' '.join(report)}."
-        why = f"{found.key} is known to {percent(found.std)}; {found.aim.purpose}. {enough}"
-        return Next(words=task.recordings[-1].words, why=why, recording=task.recordings[-1])
-    return Next(
-        words=report, why=f"everything is found, and {'as sure as rig.toml allows' if unsure else 'sure enough'}."
-    )
+def _recorded_next(recording: Assignment, why: str) -> Next:
+    return Next(words=recording.words, why=why, recording=recording)
 
 
-def _status(task: Task, runs: Sequence[Run], values: Values) -> TaskStatus:
+def _status(task: Task, included: Sequence[Run], runs: Sequence[Run], values: Values) -> TaskStatus:
     """Judge a task by the campaign's runs, its fit in force, and its last fit if that was rejected completely."""
-    fit = values.in_force.get(task.section)
-    section = None if fit is None else fit.section
-    last = next((fit for fit in reversed(values.fits) if fit.name == task.section), None)
-    own = [run for run in runs if any(_is_made_by(recording, run) for recording in task.recordings)]
-    lacking = _lacking(task.recordings, runs)
+    made = [run for run in included if any(recording.is_of(run.header) for recording in task.recordings)]
+    usable = [run for run in made if run.usable]
+    lacking = _lacking(task.recordings, included, runs)
     short_of_runs = any(not recording.repeats for recording in lacking)
-    rejected = [] if section is None else [section.rejected[key] for key in task.aims if key in section.rejected]
-    usable = [run for run in own if run.usable]
+    fit = values.in_force.get(task.section)
+    last = next((fit for fit in reversed(values.fits) if fit.name == task.section), None)
+    rejected = [] if fit is None else [reason for key, reason in fit.section.rejected.items() if key in task.aims]
     state: State = "accepted"
     reason = ""
     if rejected:
         state, reason = "rejected", rejected[0]
     elif fit is not None and (reasons := values.outdated(fit)):
         state, reason = "missing" if short_of_runs else "stale", reasons[0]  # without these runs, a fit may always fail
-    elif short_of_runs or (section is None and lacking):
-        state, reason = "missing", _being_recorded(own)
+    elif short_of_runs or (fit is None and lacking):
+        state, reason = "missing", _why_missing(made, _newest(lacking[0], included))
     elif last is not None and _holds(last, usable, values) and (fit is None or not last.recordings <= fit.recordings):
         state, reason = "rejected", next(iter(last.section.rejected.values()))
     elif fit is None:
@@ -191,85 +169,66 @@ def _status(task: Task, runs: Sequence[Run], values: Values) -> TaskStatus:
         state, reason = "stale", f"{counted(newer, 'run was', 'runs were')} recorded after the fit."
     elif lacking:
         reason = f"`{lacking[0].command}` once more would show what drifted since the first."
+
+    def last_made(recording: Assignment) -> tuple[int, float, str]:
+        return max((run.place for run in made if recording.is_of(run.header)), default=(-1, 0.0, ""))
+
     return TaskStatus(
         task=task,
         lacking=lacking,
-        retry=min(task.recordings, key=lambda recording: _last_made(recording, own)),
+        retry=min(task.recordings, key=last_made),
         state=state,
         reason=reason,
+        found=tuple(certainty_of(values, key) for key in task.aims),
     )
 
 
-def _is_made_by(recording: Assignment, run: Run) -> bool:
-    return not run.header.excluded and recording.is_of(run.header)
+def _why_missing(made: Sequence[Run], newest: Run | None) -> str:
+    """Return which run is being recorded, or why the newest run of what is lacking is of no use; "" for neither."""
+    growing = [run.folder.name for run in made if run.grows]
+    if growing:
+        return f"{growing[-1]} is being recorded: wait until it has ended."
+    verdict = None if newest is None else newest.header.verdict
+    if newest is None or verdict is None or verdict.usable:
+        return ""
+    return f"{newest.folder.name} is not usable: {verdict.text.removeprefix(f'{newest.folder.name}: ')}"
 
 
-def _last_made(recording: Assignment, runs: Iterable[Run]) -> tuple[int, float, str]:
-    """Return the place of a recording's newest run, before all places if there is none."""
-    return max((run.place for run in runs if recording.is_of(run.header)), default=(-1, 0.0, ""))
+def _newest(recording: Assignment, included: Sequence[Run]) -> Run | None:
+    return next((run for run in reversed(included) if recording.is_of(run.header)), None)
 
 
-def _lacking(recordings: Iterable[Assignment], runs: Sequence[Run]) -> tuple[Assignment, ...]:
+def _lacking(recordings: Iterable[Assignment], included: Sequence[Run], runs: Sequence[Run]) -> tuple[Assignment, ...]:
     """Return the recordings that have no usable run of their own, or the rest of one that ended early."""
-    left, lacking = [run for run in runs if run.usable], []
+    free, lacking = [run for run in included if run.usable], []
     for recording in recordings:
-        run = next((run for run in left if recording.is_of(run.header)), None)
-        rest = _rest(recording, runs) if run is None or run.header.family == "sine" else None
+        run = next((run for run in free if recording.is_of(run.header)), None)
+        rest = _rest(recording, included, runs) if run is None or run.header.family == "sine" else None
         if rest is not None or run is None:
             lacking.append(rest or recording)
         else:
-            left.remove(run)
+            free.remove(run)
     return tuple(lacking)
 
 
-def _rest(recording: Assignment, runs: Sequence[Run]) -> Assignment | None:
+def _rest(recording: Assignment, included: Sequence[Run], runs: Sequence[Run]) -> Assignment | None:
     """Return what completes the newest run of a recording, None unless this is a series or staircase that is short."""
-    run = next((run for run in reversed(runs) if _is_made_by(recording, run)), None)
+    run = _newest(recording, included)
     if run is None or run.grows:
         return None
     words: Words = (*recording.words[:2], "--resume", run.folder.name)
-    if run.header.family == "sine":
-        lacks, without_excluded = _missing_sines(run, runs, excluded=True), _missing_sines(run, runs, excluded=False)
-        if not lacks:
-            return None
-        if len(lacks) < len(without_excluded):  # --resume alone would repeat the excluded ones
-            words = (*words, "--periods", ",".join(str(sine.periods) for sine in lacks))
-    elif run.header.state == "complete" or not _steps_left(run):
-        return None
-    return replace(recording, words=words, questions=None)
+    with suppress(KeyError, TypeError, ValueError, DataError):  # it is no series or staircase, or cannot be read
+        if run.header.family == "sine":
+            sweep, simulated = SineSweep.of_run(run), run.header.simulated
+            lacks = missing_sines(sweep, runs, simulated=simulated, excluded=True)
+            if len(lacks) < len(missing_sines(sweep, runs, simulated=simulated)):  # --resume would repeat excluded ones
+                words = (*words, "--periods", ",".join(str(sine.periods) for sine in lacks))
+            return replace(recording, words=words, questions=None) if lacks else None
+        from cfid.recordings.resumed import steps_left
 
-
-def _missing_sines(run: Run, runs: Sequence[Run], *, excluded: bool) -> list[Sine]:
-    """Return the sines of a run's series that have no usable run, or with `excluded` no excluded one either."""
-    try:
-        return missing_sines(SineSweep.of_run(run), runs, simulated=run.header.simulated, excluded=excluded)
-    except DataError:  # its run.toml states no series
-        return []
-
-
-def _steps_left(run: Run) -> bool:
-    """Return whether an interrupted run lacks steps of a staircase above zero."""
-    from cfid.recordings.resumed import steps_left
-
-    with suppress(KeyError, TypeError, ValueError, DataError):  # it is no staircase, or cannot be read
-        return any(steps_left(run))
-    return False
-
-
-def _being_recorded(runs: Iterable[Run]) -> str:
-    growing = [run.folder.name for run in runs if run.grows]
-    return f"{growing[-1]} is being recorded: wait until it has ended." if growing else ""
-
-
-def _unusable(statuses: Iterable[TaskStatus], runs: Sequence[Run]) -> tuple[Unusable, ...]:
-    """Return the newest runs of what is lacking that were judged not usable."""
-    unusable: dict[str, Unusable] = {}
-    for recording in (recording for status in statuses for recording in status.lacking):
-        run = next((run for run in reversed(runs) if _is_made_by(recording, run)), None)
-        if run is not None and run.header.verdict is not None and not run.header.verdict.usable:
-            reason = run.header.verdict.text.removeprefix(f"{run.folder.name}: ")
-            unusable.setdefault(run.folder.name, Unusable(run=run.folder.name, reason=reason, again=recording))
-    return tuple(unusable.values())
+        if run.header.state != "complete" and any(steps_left(run)):
+            return replace(recording, words=words, questions=None)
+    return None
 
 
 def _newer(fit: Fit, runs: Sequence[Run], values: Values) -> int:
