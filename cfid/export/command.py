@@ -1,12 +1,16 @@
 """`cfid export`: export a campaign's parameters to the files of firmware and simulators."""
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cfid.console.campaign import here
+from cfid.console.campaign import here, note_earlier_parameters, note_unreadable_fits
 from cfid.console.messages import echo, headline, in_options, note
+from cfid.errors import ConfigError, DataError
+from cfid.records.files import refuse_kept, write_whole
+from cfid.version import __version__
 
 if TYPE_CHECKING:
     from cfid.export.target import Target
@@ -15,7 +19,6 @@ if TYPE_CHECKING:
     from cfid.records.values import Values
 
 LIST, SAMPLES = "list", "samples"
-FOLDER = "exports"  # in a campaign's folder
 
 
 def export(
@@ -60,58 +63,39 @@ def export(
 
     Example: [bold]cfid export crazyflow[/bold]
     """
-    from cfid.errors import ConfigError
-    from cfid.export.catalogue import target_named
-    from cfid.export.target import text_of
+    from cfid.export.render import rendered
+    from cfid.export.target import FOLDER, caveats, need_text, refuse, target_named
 
-    found = here(campaign)
-    known = _known(found)
+    opened = here(campaign)
+    vehicle, values = _collected(opened)
     if target == LIST:
-        _print_list(known.vehicle, json=json)
+        _print_list(opened, vehicle, json=json)
         return
     if json:
         raise ConfigError("--json goes with `cfid export list`: an export has its target's own format.")
     if target == SAMPLES:
-        from cfid.export.samples_command import write_samples
-
         if out == "-":
             raise ConfigError("samples are several files: --out must name a folder, not -.")
-        folder = Path(out) if out else found.folder / FOLDER
-        write_samples(known, folder, count=count or 1000, seed=1 if seed is None else seed, force=force)
+        folder = Path(out) if out else opened.folder / FOLDER
+        _write_samples(vehicle, values, folder, count=count or 1000, seed=1 if seed is None else seed, force=force)
         return
     if count is not None or seed is not None:
         raise ConfigError("--samples and --seed go with `cfid export samples`: a file has the measured numbers.")
-    wanted, vehicle = target_named(target), known.vehicle
-    text = text_of(wanted, vehicle)  # raises first, since --force does not lift its refusals
-    refuse(wanted, known, force=force)
-    _write(text, out or str(found.folder / FOLDER / wanted.file_name), force=force)
-    _warn(wanted, vehicle)
+    wanted = target_named(target, opened.folder)
+    text = rendered(wanted, vehicle)  # raises first, since --force does not lift its refusals
+    refuse(wanted, vehicle, values, force=force)
+    if out == "-":
+        echo(text, nl=False)
+    else:
+        _write({Path(out) if out else opened.folder / FOLDER / wanted.file_name: text.encode()}, force=force)
+    for caveat, keys in caveats(wanted, vehicle).items():
+        note(f"{caveat.mark}: {', '.join(keys)}: {caveat.reason}.")
+    for use in wanted.not_measured(vehicle):
+        note(f"not measured, and left out or marked: {need_text(use)}.")
 
 
-class ExportInput(NamedTuple):
-    """A campaign's values, and the vehicle to export."""
-
-    values: "Values"
-    vehicle: "ExportVehicle"
-
-
-def refuse(target: "Target", known: ExportInput, *, force: bool) -> None:
-    """Raise DataError for quantities that should not be exported; with `force`, these are exported and marked."""
-    from cfid.errors import DataError
-    from cfid.export.refusals import objections, refuse_rejected
-
-    refuse_rejected(target, known.vehicle, known.values)
-    against = objections(target, known.vehicle)
-    if against and not force:
-        raise DataError(
-            f"{target.name}: nothing was written. {' '.join(against)} Use --force to write it anyway, marked."
-        )
-
-
-def _known(campaign: "Campaign") -> ExportInput:
-    from cfid.console.campaign import note_earlier_parameters, note_unreadable_fits
-    from cfid.errors import DataError
-    from cfid.export.refusals import marked
+def _collected(campaign: "Campaign") -> "tuple[ExportVehicle, Values]":
+    """Return a campaign's vehicle and values. Raises DataError if a kept fit cannot be read."""
     from cfid.export.vehicle import collect
 
     note_earlier_parameters(campaign)
@@ -119,53 +103,65 @@ def _known(campaign: "Campaign") -> ExportInput:
         raise DataError("an export needs all kept fits: restore those that cannot be read, or move them out of fits/.")
     simulated = {run.folder.name for run in campaign.runs(complete=False) if run.header.simulated}
     values = campaign.values()
-    return ExportInput(values, marked(collect(campaign.rig, values, simulated=simulated)))
+    return collect(campaign.rig, values, campaign=campaign.folder.resolve().name, simulated=simulated), values
 
 
-def _write(text: str, out: str, *, force: bool) -> None:
-    from cfid.errors import ConfigError
-    from cfid.records.files import refuse_kept, write_whole
-
-    if out == "-":
-        echo(text, nl=False)
-        return
-    path = Path(out)
+def _write(contents: Mapping[Path, bytes], *, force: bool) -> None:
+    """Write files, all of them or, if one exists or cannot be replaced, none, and print their paths."""
     try:
-        if (path.exists() or path.is_symlink()) and not force:
-            raise ConfigError(
-                f"{path} exists already: nothing was changed. --force overwrites it, --out names another."
-            )
-        refuse_kept(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(path, text.encode())
+        for path in contents:
+            if (path.exists() or path.is_symlink()) and not force:
+                raise ConfigError(
+                    f"{path} exists already: nothing was changed. --force overwrites it, --out names another."
+                )
+            refuse_kept(path)
+        for path, content in contents.items():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_whole(path, content)
     except OSError as error:
         raise ConfigError(f"{path}: cannot be written: {error.strerror}.") from None
-    echo(str(path))
+    for path in contents:
+        echo(str(path))
 
 
-def _warn(target: "Target", vehicle: "ExportVehicle") -> None:
-    from cfid.export.target import caveats, left_out, need_text, simulated, unaccepted
+def _write_samples(
+    vehicle: "ExportVehicle", values: "Values", folder: Path, *, count: int, seed: int, force: bool
+) -> None:
+    from cfid.export.samples import EVERYTHING, LISTS, counts_text, draw
+    from cfid.export.target import caveats, need_text, refuse, target_named
 
-    if keys := simulated(target, vehicle):
-        note(f"SIMULATED, no vehicle was measured: {', '.join(keys)}. The file marks them.")
-    for sentence in caveats(target, vehicle):
-        note(sentence)
-    for key in unaccepted(target, vehicle):
-        note(f"{key} is rejected by its fit: the file marks it.")
-    for use in left_out(target, vehicle):
-        note(f"not measured, and left out or marked: {need_text(use)}.")
+    refuse(EVERYTHING, vehicle, values, force=force)
+    samples = draw(vehicle, values, count=count, seed=seed)
+    warnings = [
+        f"{caveat.mark}: {', '.join(keys)}: {caveat.reason}." for caveat, keys in caveats(EVERYTHING, vehicle).items()
+    ]
+    files = samples.files(vehicle, seed, warnings)
+    _write({folder / name: content for name, content in files.items()}, force=force)
+    reasons = f": {counts_text(samples.reasons)}" if samples.reasons else ""
+    echo(f"{100 * samples.rejected_share:.1f} % of {samples.draws} draws rejected{reasons}.")
+    if samples.joint.exact:
+        note(f"no uncertainty is known of {', '.join(samples.joint.exact)}: the same in every vehicle.")
+    if samples.joint.independent:
+        note(
+            f"no covariance is kept of {', '.join(samples.joint.independent)}: their numbers are drawn independently. "
+            "Fit again to have it."
+        )
+    for warning in warnings:
+        note(warning)
+    for name in LISTS:
+        if missing := target_named(name, folder).missing(vehicle):
+            needs = "; ".join(map(need_text, missing))
+            note(f"no list for {name}, which needs what is not measured yet: {needs}.")
 
 
-def _print_list(vehicle: "ExportVehicle", *, json: bool) -> None:
-    from cfid.export.catalogue import TARGETS
-    from cfid.version import __version__
+def _print_list(campaign: "Campaign", vehicle: "ExportVehicle", *, json: bool) -> None:
+    from cfid.export.target import targets
 
-    rows = [_row(target, vehicle) for target in TARGETS.values()]
+    rows = [_row(target, vehicle) for target in targets(campaign.folder).values()]
     if json:
         import json as encoder
 
-        content = {"command": "export list", "targets": rows, "version": __version__}
-        echo(encoder.dumps(content, indent=2))
+        echo(encoder.dumps({"command": "export list", "targets": rows, "version": __version__}, indent=2))
         return
     for row in rows:
         headline(f"{row['target']}: {row['about']}")
@@ -181,17 +177,17 @@ def _print_keys(title: str, words: list[str]) -> None:
 
 
 def _row(target: "Target", vehicle: "ExportVehicle") -> dict[str, Any]:
-    from cfid.export.target import given_by, has, keys_of, missing, unaccepted
+    from cfid.export.target import given_by, need_keys
 
     def row_of(need: str) -> dict[str, Any]:
-        return {"keys": keys_of(need), "known": has(vehicle, need), "given_by": given_by(need)}
+        return {"keys": need_keys(need), "known": bool(vehicle.met(need)), "given_by": given_by(need)}
 
     return {
         "target": target.name,
         "file": target.file_name,
         "about": target.about,
-        "ready": not missing(target, vehicle),
+        "ready": not target.missing(vehicle),
         "needs": [row_of(need) for need in target.needs],
         "uses": [row_of(use) for use in target.uses],
-        "rejected": list(unaccepted(target, vehicle)),
+        "rejected": [quantity.key for quantity in target.taken(vehicle) if quantity.is_marked("REJECTED")],
     }

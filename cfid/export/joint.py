@@ -17,7 +17,7 @@ from cfid.records.parameters import Section, plain
 
 Array = npt.NDArray[np.float64]
 
-_NEGATIVE = 1e-6  # of the largest eigenvalue of the correlations: smaller negative eigenvalues are rounding
+_ROUNDING = 1e-6  # of the correlations' eigenvalues: smaller negative ones are none
 _DIFFERENT = 0.01  # of a standard uncertainty: beyond it, a covariance contradicts the std
 
 
@@ -25,7 +25,7 @@ _DIFFERENT = 0.01  # of a standard uncertainty: beyond it, a covariance contradi
 class Joint:
     """A normal distribution of the numbers of parameters: `mean` (n,), `covariance` (n, n) and n `names`.
 
-    `values` contains the parameters as found, whose numbers are in this order. `exact` names parameters without a
+    `values` contains the parameters as measured, whose numbers are in this order. `exact` names parameters without a
     standard uncertainty, `independent` those with several numbers but no covariance between them.
     """
 
@@ -43,23 +43,26 @@ class Joint:
         """
         std = np.sqrt(np.diag(self.covariance))
         unit = np.where(std > 0, std, 1.0)
-        sizes, directions = np.linalg.eigh(self.covariance / np.outer(unit, unit))
-        if sizes[0] < -_NEGATIVE * max(sizes[-1], 1.0):
-            raise DataError(
-                "the covariances and common causes of these fits contradict each other, no numbers can "
-                "covary so: fit again."
+        correlation = self.covariance / np.outer(unit, unit)
+        try:
+            draws = rng.multivariate_normal(
+                np.zeros(len(std)), correlation, count, check_valid="raise", tol=_ROUNDING, method="eigh"
             )
-        factor = directions * np.sqrt(np.maximum(sizes, 0.0))
-        return np.asarray(self.mean + unit * (rng.standard_normal((count, len(self.mean))) @ factor.T))
+        except ValueError:
+            raise DataError(
+                "the covariances and common causes of these fits contradict each other, no numbers can covary so: fit "
+                "again."
+            ) from None
+        return np.asarray(self.mean + unit * draws)
 
     def shaped(self, numbers: Array) -> dict[str, Any]:
         """Return the parameters of a draw (n,), each in its own shape."""
-        found, begin, row = {}, 0, numbers.tolist()
+        parameters, row = {}, numbers.tolist()
         for key, value in self.values.items():
             count = len(numbers_of(key, value))
-            found[key] = shaped_as(key, row[begin : begin + count], value)
-            begin += count
-        return found
+            parameters[key] = shaped_as(key, row[:count], value)
+            row = row[count:]
+        return parameters
 
 
 def joint_of(fits: Sequence[tuple[Section, Sequence[str]]]) -> Joint:
@@ -68,30 +71,32 @@ def joint_of(fits: Sequence[tuple[Section, Sequence[str]]]) -> Joint:
     Raises DataError for a covariance that contradicts the std of its parameter, and for a std whose square overflows.
     """
     values = {key: plain(section.parameters[key].value) for section, keys in fits for key in keys}
-    places: dict[str, slice] = {}
-    end = 0
-    for key, value in values.items():
-        places[key] = slice(end, end + len(numbers_of(key, value)))
-        end = places[key].stop
-    covariance = np.zeros((end, end))
+    stds = {key: _std(section, key) for section, keys in fits for key in keys}
+    ends = np.cumsum([len(std) for std in stds.values()])
+    places = {key: np.arange(end - len(stds[key]), end) for key, end in zip(stds, ends, strict=True)}
+    size = int(ends[-1]) if stds else 0
+    covariance = _shared(fits, places, size)
+    for key, rows in places.items():  # a parameter's own uncertainty contains its causes
+        with np.errstate(over="ignore"):
+            covariance[np.ix_(rows, rows)] = np.diag(stds[key] ** 2)
+        if not np.isfinite(covariance[np.ix_(rows, rows)]).all():
+            raise DataError(f"the std of {key} is too large to be one: its square is no number.")
     covered: set[str] = set()
     for section, keys in fits:
-        for key in keys:
-            covariance[places[key], places[key]] = np.diag(_variances(section, key))
-    effects = _effects(fits, places, end)
-    shared = sum((np.outer(effect, effect) for effect in effects), np.zeros((end, end)))
-    for one in places.values():
-        shared[one, one] = 0.0  # a parameter's own uncertainty contains this
-    covariance += shared
-    for section, keys in fits:
         for block in section.covariance:
-            inside = [key for key in block.of if key in keys]
-            covered.update(inside)
-            own = _own_places(section, block.of, inside)
-            there = np.concatenate([np.arange(end)[places[key]] for key in inside] or [np.arange(0)])
-            covariance[np.ix_(there, there)] = np.array(block.matrix)[np.ix_(own, own)]
-            for key in inside:
-                _refuse_contradiction(section, key, np.diag(covariance)[places[key]])
+            counts = [len(numbers_of(key, plain(section.parameters[key].value))) for key in block.of]
+            taken = np.repeat([key in keys for key in block.of], counts)
+            rows = np.concatenate([places[key] for key in block.of if key in keys] or [np.arange(0)])
+            covariance[np.ix_(rows, rows)] = np.array(block.matrix)[np.ix_(taken, taken)]
+            for key in (key for key in block.of if key in keys):
+                covered.add(key)
+                diagonal = np.sqrt(np.diag(covariance)[places[key]])
+                known = section.parameters[key].std is not None
+                if known and not np.allclose(diagonal, stds[key], rtol=_DIFFERENT, atol=0):
+                    raise DataError(
+                        f"the std of {key} and the diagonal of its covariance contradict each other. Expected the "
+                        "square root of the diagonal: fit again."
+                    )
     uncertain = [key for key in values if np.any(np.diag(covariance)[places[key]] > 0)]
     return Joint(
         values=values,
@@ -99,54 +104,23 @@ def joint_of(fits: Sequence[tuple[Section, Sequence[str]]]) -> Joint:
         mean=np.array([number for key, value in values.items() for number in numbers_of(key, value)], dtype=np.float64),
         covariance=covariance,
         exact=tuple(key for key in values if key not in uncertain),
-        independent=tuple(key for key in uncertain if key not in covered and places[key].stop - places[key].start > 1),
+        independent=tuple(key for key in uncertain if key not in covered and len(places[key]) > 1),
     )
 
 
-def _variances(section: Section, key: str) -> Array:
-    with np.errstate(over="ignore"):
-        found = _std(section, key) ** 2
-    if not np.isfinite(found).all():
-        raise DataError(f"the std of {key} is too large to be one: its square is no number.")
-    return found
-
-
-def _refuse_contradiction(section: Section, key: str, variances: Array) -> None:
-    """Raise DataError if a parameter has a std that contradicts the diagonal of its covariance."""
-    std = _std(section, key)
-    if section.parameters[key].std is not None and not np.allclose(np.sqrt(variances), std, rtol=_DIFFERENT, atol=0):
-        raise DataError(
-            f"the std of {key} and the diagonal of its covariance contradict each other. Expected the "
-            "square root of the diagonal: fit again."
-        )
+def _shared(fits: Sequence[tuple[Section, Sequence[str]]], places: Mapping[str, Array], size: int) -> Array:
+    """Return the covariance (n, n) by common causes: the sum of the products of their effects on all numbers."""
+    effects: dict[str, Array] = {}
+    for section, keys in fits:
+        for cause, changes in section.common.items():
+            for key in (key for key in keys if key in changes):
+                effects.setdefault(cause, np.zeros(size))[places[key].astype(int)] = numbers_of("", changes[key])
+    return sum((np.outer(effect, effect) for effect in effects.values()), np.zeros((size, size)))
 
 
 def _std(section: Section, key: str) -> Array:
     """Return a parameter's standard uncertainties, with zero for unknown ones."""
     parameter = section.parameters[key]
-    std = plain(parameter.std)
-    if std is None:
+    if parameter.std is None:
         return np.zeros(len(numbers_of(key, plain(parameter.value))))
-    return np.array([number or 0.0 for number in numbers_of(key, std)])
-
-
-def _effects(fits: Sequence[tuple[Section, Sequence[str]]], places: Mapping[str, slice], end: int) -> list[Array]:
-    """Return the effect of one standard uncertainty of each common cause on all numbers (n,)."""
-    found: dict[str, Array] = {}
-    for section, keys in fits:
-        for cause, effects in section.common.items():
-            for key in keys:
-                if key in effects:
-                    found.setdefault(cause, np.zeros(end))[places[key]] = numbers_of("", effects[key])
-    return list(found.values())
-
-
-def _own_places(section: Section, of: Sequence[str], inside: Sequence[str]) -> Array:
-    """Return the rows that the numbers of some parameters have in a covariance of several parameters."""
-    own: list[int] = []
-    begin = 0
-    for key in of:
-        count = len(numbers_of(key, plain(section.parameters[key].value)))
-        own += range(begin, begin + count) if key in inside else ()
-        begin += count
-    return np.array(own, dtype=np.intp)
+    return np.array([number or 0.0 for number in numbers_of(key, plain(parameter.std))])

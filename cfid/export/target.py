@@ -1,230 +1,199 @@
-"""A target of an export: what it needs, what it can also use, its file, and the comments at the head of every file."""
+"""A target of an export: a template whose head states what it needs, uses and is, and which vehicles it refuses.
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+A head is TOML in the first comment of the template.
+"""
 
-from cfid.errors import DataError
-from cfid.export.frame import is_turned
-from cfid.export.hover import (
-    hover_command,
-    hover_speed_rad_s,
-    hover_thrust_n,
-    inertia_kg_m2,
-    inertia_std_kg_m2,
-    value_of,
-)
-from cfid.export.vehicle import SOURCES, ExportQuantity, ExportVehicle
-from cfid.export.wording import commented, shown
-from cfid.units import FULL_COMMAND, RPM
-from cfid.version import __version__
+import tomllib
+from collections.abc import Sequence
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated, Literal
 
-EXCHANGE_FILE = "vehicle.json"
+from pydantic import AfterValidator, BaseModel, StringConstraints, ValidationError
+
+from cfid.errors import ConfigError, DataError
+from cfid.export.derived import Derived
+from cfid.export.vehicle import EXPORTED, Caveat, ExportQuantity, ExportVehicle, keys_of
+from cfid.quantities.registry import find, registered
+from cfid.records.files import first_fault
+from cfid.records.values import Values
+
+FOLDER = "exports"  # in a campaign's folder: exported files, and templates of its own
 _SIGNED = ("tf.delay_s",)  # negative where the force is earlier than its stamped input
+_LARGEST = 200_000  # characters of a template
 
 
-@dataclass(frozen=True, kw_only=True)
-class Target:
+def _registered(need: str) -> str:
+    for key in atoms(need):
+        if key not in EXPORTED and find(key) is None:
+            raise ValueError(f"there is no quantity {key}")
+    return need
+
+
+Need = Annotated[str, AfterValidator(_registered)]
+
+
+class Target(BaseModel, frozen=True, extra="forbid"):
     """A file that another program reads.
 
-    `needs` and `uses` name quantities of `SOURCES`; `a|b` means either, `a+b` both. `no_place` names quantities that
-    the format cannot express. `write` returns the text of the file without the comments at its head, for a vehicle that
-    has all needs; a format without comments (empty `comment`) has no head. `notes` state units and meanings. A file
-    that contains only scalars is not `directional` and states no frame.
+    `needs` and `uses` are keys of quantities; `a|b` means either, `a+b` both. A file without directions has no frame,
+    one whose format has no comments an empty `comment` and no head. `note` states how the file is used. `own` marks a
+    template of a campaign, which may be written by others.
     """
 
     name: str
-    file_name: str
-    about: str
-    comment: str
-    needs: tuple[str, ...]
-    uses: tuple[str, ...] = ()
-    no_place: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
-    directional: bool = True
-    write: Callable[[ExportVehicle], str]
+    about: Annotated[str, StringConstraints(max_length=80)]
+    file_name: Annotated[str, StringConstraints(pattern=r"^\w[\w.-]{0,99}$")]
+    comment: Literal["#", "//", "--", ";", "%", "<!--", ""] = "#"
+    frame: Literal["forward-left-up", "none"] = "forward-left-up"
+    needs: tuple[Need, ...]
+    uses: tuple[Need, ...] = ()
+    note: Annotated[str, StringConstraints(max_length=200)] = ""
+    template: str
+    own: bool = False
+
+    @property
+    def keys(self) -> dict[str, None]:
+        """The keys of all quantities that it can express, without repetition."""
+        return dict.fromkeys(key for need in (*self.needs, *self.uses) for key in atoms(need))
+
+    def missing(self, vehicle: ExportVehicle) -> list[str]:
+        """Return the needs that a vehicle does not meet."""
+        return [need for need in self.needs if not vehicle.met(need)]
+
+    def not_measured(self, vehicle: ExportVehicle) -> list[str]:
+        """Return what it could use but the vehicle lacks."""
+        return [use for use in self.uses if not vehicle.met(use)]
+
+    def no_place(self, vehicle: ExportVehicle) -> list[str]:
+        """Return the keys of the vehicle's quantities that its format cannot express."""
+        quantities = (vehicle.find(key) for key in EXPORTED if key not in self.keys)
+        return [quantity.key for quantity in quantities if quantity is not None]
+
+    def taken(self, vehicle: ExportVehicle) -> list[ExportQuantity]:
+        """Return the quantities that its file contains."""
+        return vehicle.taken((*self.needs, *self.uses))
 
 
-def has(vehicle: ExportVehicle, need: str) -> bool:
-    """Return whether a quantity is known, or for `a|b` one of the two, or for `a+b` both."""
-    return bool(_met(vehicle, need))
+def atoms(need: str) -> list[str]:
+    """Return the keys in a need."""
+    return need.replace("+", "|").split("|")
 
 
-def missing(target: Target, vehicle: ExportVehicle) -> tuple[str, ...]:
-    """Return the needs that a vehicle does not meet."""
-    return tuple(need for need in target.needs if not has(vehicle, need))
+def targets(campaign: Path) -> dict[str, Target]:
+    """Return all targets by name, with those of the campaign's own templates.
+
+    Raises ConfigError for an invalid template of the campaign.
+    """
+    return _shipped() | {path.stem: _own(path) for path in sorted((campaign / FOLDER).glob("*.j2"))}
 
 
-def keys_of(need: str) -> str:
+def target_named(name: str, campaign: Path) -> Target:
+    """Return a target. Raises ConfigError for an unknown name, and for an invalid template of the campaign."""
+    if name in _shipped():
+        return _shipped()[name]
+    path = campaign / FOLDER / f"{name}.j2"
+    if name != path.stem or not path.is_file():
+        raise ConfigError(
+            f"export {name}: no such target. There are {', '.join(_shipped())}, and templates {FOLDER}/NAME.j2 of a "
+            "campaign; `cfid export list` shows what each needs."
+        )
+    return _own(path)
+
+
+@cache
+def _shipped() -> dict[str, Target]:
+    templates = [path for path in files("cfid.export").joinpath("targets").iterdir() if not path.name.startswith("_")]
+    found = [_target(path.name.removesuffix(".j2"), path.read_text(encoding="utf-8")) for path in templates]
+    return {target.name: target for target in sorted(found, key=lambda target: target.name)}
+
+
+def _own(path: Path) -> Target:
+    if path.stem in _shipped():
+        raise ConfigError(f"{path}: cfid has a target {path.stem}: give the template another name.")
+    try:
+        with path.open(encoding="utf-8") as file:
+            text = file.read(_LARGEST + 1)
+        if len(text) > _LARGEST:
+            raise ConfigError(f"{path}: longer than {_LARGEST} characters.")
+        return _target(path.stem, text, own=True)
+    except ValidationError as error:
+        raise ConfigError(f"{path}: head: {first_fault(error, {})}") from None
+    except (OSError, ValueError, RecursionError) as error:  # text that is no UTF-8 or no TOML, too
+        raise ConfigError(f"{path}: no template with a head, which is TOML between {{# and #}}: {error}.") from None
+
+
+def _target(name: str, text: str, *, own: bool = False) -> Target:
+    head = tomllib.loads(text.removeprefix("{#").partition("#}")[0])
+    return Target.model_validate({**head, "name": name, "template": text, "own": own})
+
+
+def need_text(need: str) -> str:
+    """Return the keys of a need and the commands that determine them."""
+    return f"{need_keys(need)} ({given_by(need)})"
+
+
+def need_keys(need: str) -> str:
     """Return the keys of a need for a message: `a + b or c`."""
-    choices = [" + ".join(SOURCES[name].keys[0] for name in choice.split("+")) for choice in need.split("|")]
+    choices = [" + ".join(keys_of(key)[0] for key in choice.split("+")) for choice in need.split("|")]
     return " or ".join(choices)
 
 
 def given_by(need: str) -> str:
     """Return the commands that determine the quantities of a need, each once."""
-    return " or ".join(dict.fromkeys(SOURCES[name].given_by for name in _names(need)))
+    return " or ".join(dict.fromkeys(registered(keys_of(key)[0]).given_by for key in atoms(need)))
 
 
-def need_text(need: str) -> str:
-    """Return the keys of a need and the commands that determine them."""
-    return f"{keys_of(need)} ({given_by(need)})"
-
-
-def text_of(target: Target, vehicle: ExportVehicle) -> str:
-    """Return the whole file of a target.
-
-    Raises DataError when a quantity that the target needs was not measured.
-    """
-    lacking = missing(target, vehicle)
-    if lacking:
-        needs = "; ".join(need_text(need) for need in lacking)
-        raise DataError(f"{target.name} needs what is not measured yet: {needs}.")
-    _refuse_senseless(target, vehicle)
-    body = target.write(vehicle)
-    if not target.comment:
-        return body
-    head = commented(_heading(target, vehicle), target.comment)
-    if body.startswith(("<?xml", "#!", "#VRML")):  # such a line must stay first
-        declaration, _, rest = body.partition("\n")
-        return f"{declaration}\n{head}{rest}"
-    return head + body
-
-
-def _refuse_senseless(target: Target, vehicle: ExportVehicle) -> None:
-    """Raise DataError for divisors and sizes that are not above zero, which --force may have kept."""
-    for quantity in taken(target, vehicle):
+def check_sense(target: Target, vehicle: ExportVehicle) -> None:
+    """Raise DataError for needs that are not met, and for divisors and sizes that are not above zero."""
+    if lacking := target.missing(vehicle):
+        raise DataError(f"{target.name} needs what is not measured yet: {'; '.join(map(need_text, lacking))}.")
+    for quantity in target.taken(vehicle):
         if isinstance(quantity.value, int | float) and quantity.value <= 0 and quantity.key not in _SIGNED:
-            raise DataError(f"{quantity.key} is {shown(quantity.value)}, and {target.name} needs it above zero.")
+            raise DataError(f"{quantity.key} is {quantity.value:.7g}, and {target.name} needs it above zero.")
 
 
-def unaccepted(target: Target, vehicle: ExportVehicle) -> tuple[str, ...]:
-    """Return the keys of a target's quantities that their fit rejected."""
-    return tuple(q.key for q in taken(target, vehicle) if not q.accepted)
+def refuse(target: Target, vehicle: ExportVehicle, values: Values, *, force: bool = False) -> None:
+    """Raise DataError for quantities that should not be exported; with `force`, these are exported and marked.
+
+    A quantity that a fit rejected, and that no other source gives, is refused in any case.
+    """
+    lacking = [name for key in target.keys if vehicle.find(key) is None for name in keys_of(key)]
+    for key in sorted(lacking):
+        if values.find(key) is None and (reason := values.rejected(key)):
+            raise DataError(f"{target.name}: nothing was written, since {key} was rejected: {reason}")
+    objections = [sentence for quantity in target.taken(vehicle) for sentence in quantity.objections()]
+    if objections and not force:
+        raise DataError(
+            f"{target.name}: nothing was written. {' '.join(objections)} Use `force` to write it anyway, marked."
+        )
 
 
-def caveats(target: Target, vehicle: ExportVehicle) -> tuple[str, ...]:
-    """Return the caveats of a target's quantities, one sentence each."""
-    known = [f"{q.key}: {q.caveat}" for q in (*taken(target, vehicle), *_marked_in_rig(vehicle)) if q.caveat]
-    return (*known, *(line.strip() for line in _hovering(vehicle) if "EXTRAPOLATED" in line))
-
-
-def simulated(target: Target, vehicle: ExportVehicle) -> tuple[str, ...]:
-    """Return the keys of a target's quantities that were measured on a simulated rig."""
-    return tuple(q.key for q in taken(target, vehicle) if q.simulated)
-
-
-def left_out(target: Target, vehicle: ExportVehicle) -> tuple[str, ...]:
-    """Return what a target could use but the vehicle lacks."""
-    return tuple(use for use in target.uses if not has(vehicle, use))
-
-
-def _heading(target: Target, vehicle: ExportVehicle) -> Iterator[str]:
-    yield f"{target.about} of {vehicle.name}, written by cfid {__version__}."
-    if simulated(target, vehicle):
-        yield "WARNING: made of SIMULATED recordings: quantities marked so below are not of a vehicle."
-    yield ""
-    if target.directional:
-        yield from _frame(vehicle)
-        yield from _inertia(target, vehicle)
-    else:
-        yield "Nothing here has a direction, so nothing was turned."
-    yield ""
-    yield "Measured, with standard uncertainty after +- , in the body frame of the campaign (not turned):"
-    for quantity in (*taken(target, vehicle), *_marked_in_rig(vehicle)):
-        yield from _measured(quantity)
-    yield from _hovering(vehicle)
-    lacking = left_out(target, vehicle)
-    if lacking:
-        yield "NOT MEASURED, and left out or marked below:"
-        yield from (f"  {need_text(use)}" for use in lacking)
-    yield from _no_place(target, vehicle)
-    yield f"{EXCHANGE_FILE} (`cfid export json`) has every quantity with its uncertainty and covariance as numbers."
-    if target.notes:
-        yield ""
-        yield from target.notes
-
-
-def _marked_in_rig(vehicle: ExportVehicle) -> Sequence[ExportQuantity]:
-    """Return gravity and the centre of mass, if they need a comment."""
-    return [quantity for quantity in (vehicle.gravity, vehicle.centre) if quantity.caveat]
-
-
-def _no_place(target: Target, vehicle: ExportVehicle) -> Iterator[str]:
-    """Yield the measured quantities that this format cannot express."""
-    keys = [vehicle.quantities[name].key for name in target.no_place if name in vehicle]
-    if keys:
-        yield "Measured, but this format has no place for:"
-        yield from (f"  {key}" for key in keys)
-
-
-def _frame(vehicle: ExportVehicle) -> Iterator[str]:
-    frame = vehicle.frame
-    yield "Frame: x forward, y left, z up; origin in the centre of mass; inertia entries are the matrix' own."
-    yield f"The campaign's body frame has forward = {frame.forward}, left = {frame.left}, up = {frame.up}."
-    if is_turned(frame):
-        axes = [frame.turned(axis) for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
-        matrix = [[axis[row] for axis in axes] for row in range(3)]
-        yield f"Turned from it by R = {shown(matrix)}: R v for vectors, R I R^T for the inertia."
-    else:
-        yield "It is the same frame, so nothing was turned."
-    yield "Motors m1 to m4 are in front right, behind right, behind left, in front left; seen from above m1 and m3 turn"
-    yield "counter-clockwise, as a Crazyflie has them."
-    yield "WARNING: the thesis' numbers that many projects copied (16.57e-6 as Ixx, 16.66e-6 as Iyy) were never turned."
-    yield "Its x is the pitch axis: with x forward, Ixx and Iyy change places, Ixz and Iyz too, and signs change."
-
-
-def _inertia(target: Target, vehicle: ExportVehicle) -> Iterator[str]:
-    if "inertia" in vehicle and "inertia" in (*target.needs, *target.uses):
-        yield f"Inertia in this file's frame: {shown(inertia_kg_m2(vehicle))} kg m^2"
-        std = inertia_std_kg_m2(vehicle)
-        yield f"  +- {shown(std, 2)}" if std else "  +- unknown"
-
-
-def _hovering(vehicle: ExportVehicle) -> Iterator[str]:
-    """Yield command and rotor speed of hovering, to check a simulation; the speed comes from two maps if known."""
-    if not has(vehicle, "thrust_of_command"):
-        return
-    try:
-        command = hover_command(vehicle)
-    except DataError as error:
-        yield f"WARNING: {error}"
-        return
-    share = f"command {command:.0f} of {FULL_COMMAND}"
-    yield f"It hovers at {hover_thrust_n(vehicle):.4g} N per motor, {share}."
-    measured = vehicle.quantities["thrust_of_command"].commands
-    if measured is not None and not measured[0] <= command <= measured[1]:
-        yield f"  EXTRAPOLATED: hovering's command {command:.0f}; {measured[0]:.0f} to {measured[1]:.0f} were measured."
-    if "speed_of_command" in vehicle:
-        speed = value_of(vehicle["speed_of_command"], command)
-        yield f"  rotor speed {speed:.1f} rad/s ({speed / RPM:.0f} rpm) by motor.speed_poly at that command"
-    if "thrust_per_speed_squared" in vehicle:
-        speed = hover_speed_rad_s(vehicle)
-        yield f"  rotor speed {speed:.1f} rad/s ({speed / RPM:.0f} rpm) by motor.thrust_per_speed_squared_n_s2"
-
-
-def _measured(quantity: ExportQuantity) -> Iterator[str]:
-    spread = "unknown" if quantity.std is None else shown(quantity.std, 2)
-    yield f"  {quantity.key} = {shown(quantity.value)} +- {spread} {quantity.unit}"
-    yield f"    {quantity.origin}"
-    if quantity.caveat:
-        yield f"    {quantity.caveat}"
-    if quantity.simulated:
-        yield "    SIMULATED: no vehicle was measured."
-    if not quantity.accepted:
-        yield "    REJECTED by its fit, and kept nevertheless."
-
-
-def taken(target: Target, vehicle: ExportVehicle) -> Sequence[ExportQuantity]:
-    """Return the quantities that a target's file contains."""
-    names = dict.fromkeys(name for need in (*target.needs, *target.uses) for name in _met(vehicle, need))
-    return [vehicle.quantities[name] for name in names]
-
-
-def _met(vehicle: ExportVehicle, need: str) -> Sequence[str]:
-    """Return the quantities that meet a need: those of its first choice of which all are known."""
-    choices = (choice.split("+") for choice in need.split("|"))
-    return next((names for names in choices if all(name in vehicle for name in names)), [])
-
-
-def _names(need: str) -> list[str]:
-    return need.replace("+", "|").split("|")
+def caveats(target: Target, vehicle: ExportVehicle) -> dict[Caveat, Sequence[str]]:
+    """Return the caveats of a target's quantities and of hovering, the worst first, each with the keys it is of."""
+    found: dict[Caveat, list[str]] = {}
+    for quantity in target.taken(vehicle):
+        for caveat in quantity.caveats:
+            found.setdefault(caveat, []).append(quantity.key)
+    if (thrust := vehicle.find("motor.thrust_poly")) is not None:
+        try:
+            command = Derived(vehicle).hover_command
+        except DataError as error:
+            found[Caveat("NO HOVERING", str(error))] = [thrust.key]
+        else:
+            low, high = thrust.commands or (command, command)
+            if not low <= command <= high:
+                reason = f"hovering's command is {command:.0f}, and {low:.0f} to {high:.0f} were measured"
+                found[Caveat("EXTRAPOLATED", reason)] = ["hovering"]
+    order = (
+        "REJECTED",
+        "IMPLAUSIBLE",
+        "OUTDATED",
+        "SIMULATED",
+        "NO HOVERING",
+        "EXTRAPOLATED",
+        "OTHER RIG",
+        "PRESET BY cfid new",
+    )
+    return {caveat: found[caveat] for mark in order for caveat in found if caveat.mark == mark}

@@ -5,7 +5,7 @@ Axes are x forward, y left, z up; motors m1 to m4 are front right, rear right, r
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -42,17 +42,9 @@ MIXES = {"roll": np.array([-1, -1, 1, 1]), "pitch": np.array([-1, 1, 1, -1]), "y
 
 def measured() -> ExportVehicle:
     """Return the vehicle of a campaign, with its centre of mass off the middle and its rotors measured."""
-    x, y, z = (0.001 * part for part in CENTRE_MM)
-    flown = thesis.vehicle()
-    known = replace(flown, centre=replace(flown.centre, value=[x, y, z]))
-    extra = {
-        name: replace(known.quantities["arm"], key=key, value=value, unit=unit)
-        for name, key, value, unit in (
-            ("rotor_inertia", "rotor_inertia_kg_m2", 3.0e-8, "kg m^2"),
-            ("rotor_radius", "rotor_radius_m", 0.0225, "m"),
-        )
-    }
-    return replace(known, quantities={**known.quantities, **extra})
+    known = thesis.with_value(thesis.vehicle(), "centre_of_mass_m", [0.001 * part for part in CENTRE_MM])
+    known = thesis.with_value(known, "rotor_inertia_kg_m2", 3.0e-8)
+    return thesis.with_value(known, "rotor_radius_m", 0.0225)
 
 
 def written(target: str, folder: Path, name: str) -> Path:

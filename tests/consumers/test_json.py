@@ -2,20 +2,20 @@
 
 import json
 from dataclasses import replace
-from importlib.resources import files
 from typing import Any
 
 import numpy as np
 import pytest
 
 from cfid.export.vehicle import collect
+from cfid.export.vehicle_json import VehicleFile
 from cfid.records.rig_file import thesis_rig
 from tests.consumers.plant import DRAG_KG_PER_RAD, INERTIA, PLACES, measured
 from tests.export.reading import export
 from tests.export.thesis_vehicle import section, sections, vehicle
 from tests.lab import values_of
 
-SCHEMA = json.loads(files("cfid.export").joinpath("vehicle.schema.json").read_text())
+SCHEMA = VehicleFile.model_json_schema()
 
 
 def judged(text: str) -> dict[str, Any]:

@@ -8,14 +8,16 @@ from typing import Any
 
 import pytest
 
-from cfid.export.catalogue import TARGETS
-from cfid.export.target import text_of
+from cfid.export.render import rendered
+from cfid.export.target import targets
 from cfid.export.vehicle import ExportVehicle
+
+TARGETS = targets(Path())
 
 
 def export(name: str, vehicle: ExportVehicle) -> str:
     """Return the text of an export."""
-    return text_of(TARGETS[name], vehicle)
+    return rendered(TARGETS[name], vehicle)
 
 
 def toml(name: str, vehicle: ExportVehicle) -> dict[str, Any]:

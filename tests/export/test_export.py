@@ -1,32 +1,34 @@
-"""`cfid export` on the command line: places of files, protected files, messages, exit codes, JSON."""
+"""`cfid export` on the command line: places of files, protected files, exit codes, the list."""
 
 import json
-import re
+import os
 import tomllib
 from dataclasses import replace
-from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
 
-from cfid.export.catalogue import TARGETS
 from cfid.records.campaign import open_campaign
 from cfid.records.covariances import Covariance
 from cfid.records.rig_file import new_rig_text
-from cfid.records.run import DeviceRecord, Label, amend_run
-from cfid.records.run_writer import create_run
+from cfid.records.run import amend_run
+from tests.export.reading import TARGETS, macros
 from tests.export.thesis_vehicle import section, sections
-from tests.lab import Cfid, keep, keep_instead
+from tests.lab import Cfid, keep, keep_instead, made_run, new_campaign
 
 
 @pytest.fixture
 def campaign(tmp_path: Path) -> Path:
     """A campaign with the thesis' numbers, in the folder where `cfid` runs."""
-    (tmp_path / "rig.toml").write_text(new_rig_text())
-    for name, found in sections().items():
-        keep(tmp_path, name, found)
+    new_campaign(tmp_path)
+    for name, fit in sections().items():
+        keep(tmp_path, name, fit)
     open_campaign(tmp_path).write_parameters()
     return tmp_path
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 def test_a_file_is_written_into_the_campaign_and_its_path_is_all_of_stdout(cfid: Cfid, campaign: Path) -> None:
@@ -35,44 +37,52 @@ def test_a_file_is_written_into_the_campaign_and_its_path_is_all_of_stdout(cfid:
     path = campaign / "exports" / "crazyflow_params.toml"
     assert (ended.returncode, Path(ended.stdout.strip()).resolve()) == (0, path.resolve())
     assert tomllib.loads(path.read_text())["cf2x_L250"]["mass"] == 0.028
-    assert "rotor_inertia_kg_m2" in ended.stderr
+    assert f"campaign {campaign.name}," in path.read_text()
+    assert "rotor_inertia_kg_m2" in ended.stderr  # not measured
 
 
-def test_a_dash_is_stdout_and_nothing_but_the_file(cfid: Cfid, campaign: Path) -> None:
-    ended = cfid("export", "crazyflow", "--out", "-")
-
-    assert tomllib.loads(ended.stdout)["cf2x_L250"]["mass"] == 0.028
+def test_out_is_a_file_or_stdout(cfid: Cfid, campaign: Path) -> None:
+    assert tomllib.loads(cfid("export", "crazyflow", "--out", "-").stdout)["cf2x_L250"]["mass"] == 0.028
     assert not (campaign / "exports").exists()
-
-
-def test_a_file_goes_where_it_is_told(cfid: Cfid, campaign: Path) -> None:
     assert cfid("export", "mujoco", "--out", "a/b.xml").returncode == 0
     assert (campaign / "a" / "b.xml").read_text().startswith("<!--")
 
 
-def test_a_file_that_is_there_is_overwritten_by_force_alone(cfid: Cfid, campaign: Path) -> None:
+def test_a_file_that_exists_is_overwritten_by_force_alone(cfid: Cfid, campaign: Path) -> None:
     (campaign / "mine.h").write_text("mine")
     ended = cfid("export", "firmware", "--out", "mine.h")
 
     assert (ended.returncode, ended.stdout, (campaign / "mine.h").read_text()) == (2, "", "mine")
-    assert "--force" in ended.stderr
     assert cfid("export", "firmware", "--out", "mine.h", "--force").returncode == 0
     assert "CF_MASS" in (campaign / "mine.h").read_text()
 
 
-@pytest.mark.parametrize("name", ["rig.toml", "parameters.toml", "a-link"])
+@pytest.mark.parametrize("name", ["rig.toml", "parameters.toml", "a-link", "fits/vehicle.json"])
 def test_what_a_campaign_keeps_is_overwritten_by_no_force(cfid: Cfid, campaign: Path, name: str) -> None:
     (campaign / "a-link").symlink_to("rig.toml")
-    before = (campaign / name).read_bytes()
-    ended = cfid("export", "firmware", "--out", name, "--force")
+    before = files(campaign)
 
-    assert ended.returncode == 2
-    assert "nothing replaces what a campaign keeps" in ended.stderr
-    assert (campaign / name).read_bytes() == before
+    assert cfid("export", "firmware", "--out", name, "--force").returncode == 2
+    assert files(campaign) == before
 
 
-def test_what_is_missing_is_a_sentence_with_the_fit_and_no_file(cfid: Cfid, tmp_path: Path) -> None:
-    (tmp_path / "rig.toml").write_text(new_rig_text())
+@pytest.mark.skipif(os.name != "posix", reason="names and devices of Unix")
+def test_nothing_is_written_where_no_file_can_be(cfid: Cfid, campaign: Path) -> None:
+    (campaign / "folder").mkdir()
+    (campaign / "loop").symlink_to("loop")
+    os.mkfifo(campaign / "pipe")
+    before = files(campaign)
+    for place in ("folder", "/", "/dev/null", "pipe", "n" * 300, "rig.toml/file", "loop", "loop/file", "/proc/x"):
+        for more in ((), ("--force",)):
+            ended = cfid("export", "crazyflow", "--out", place, *more)
+            assert (ended.returncode, place in ended.stderr) == (2, True), place
+        assert cfid("export", "samples", "--n", "2", "--out", f"{place}/in", "--force").returncode in (0, 2)
+
+    assert {name: text for name, text in files(campaign).items() if not name.startswith("folder")} == before
+
+
+def test_what_is_missing_names_the_fit_and_writes_no_file(cfid: Cfid, tmp_path: Path) -> None:
+    new_campaign(tmp_path)
     ended = cfid("export", "rotorpy")
 
     assert (ended.returncode, ended.stdout) == (4, "")
@@ -81,47 +91,103 @@ def test_what_is_missing_is_a_sentence_with_the_fit_and_no_file(cfid: Cfid, tmp_
 
 
 def test_what_was_rejected_is_exported_by_force_alone_and_marked(cfid: Cfid, campaign: Path) -> None:
-    found = sections()["inertia"].parameters
-    keep_instead(campaign, "inertia", section(found, rejected="too little."))
+    keep_instead(campaign, "inertia", section(sections()["inertia"].parameters, rejected="too little."))
     refused = cfid("export", "crazyswarm2", "--out", "-")
     assert (refused.returncode, refused.stdout) == (4, "")
-    assert "inertia.matrix_kg_m2 was rejected: too little. Use --force to write it" in " ".join(refused.stderr.split())
+    assert "--force" in refused.stderr
 
     ended = cfid("export", "crazyswarm2", "--out", "-", "--force")
-    assert ended.returncode == 0
-    assert "REJECTED by its fit" in ended.stdout
-    assert "inertia.matrix_kg_m2 is rejected" in ended.stderr
+    assert (ended.returncode, "REJECTED: inertia.matrix_kg_m2." in ended.stdout) == (0, True)
+    assert "REJECTED: inertia.matrix_kg_m2: too little." in " ".join(ended.stderr.split())
 
 
-def test_a_rig_without_a_body_frame_is_refused_by_key(cfid: Cfid, campaign: Path) -> None:
-    before, _, after = new_rig_text().partition("[vehicle.body_frame]")
-    (campaign / "rig.toml").write_text(before + after[after.index("[site]") :])
-    ended = cfid("export", "firmware")
+def test_numbers_of_a_simulated_and_excluded_run_are_marked(cfid: Cfid, campaign: Path) -> None:
+    run = made_run(campaign, "swing", {"encoder": {"t": [0.0], "phi": [0.0]}}, simulated=True)
+    amend_run(run, excluded="the cable touched")
+    keep_instead(campaign, "inertia", section(sections()["inertia"].parameters, run=run.folder.name))
+    assert cfid("export", "crazyswarm2", "--out", "-").returncode == 4
 
-    assert (ended.returncode, "vehicle.body_frame is missing" in ended.stderr) == (2, True)
+    text = cfid("export", "crazyswarm2", "--out", "-", "--force").stdout
+    assert "OUTDATED: inertia.matrix_kg_m2. SIMULATED: inertia.matrix_kg_m2." in text
+
+
+def test_no_force_makes_a_header_that_would_stop_the_motors(cfid: Cfid, campaign: Path) -> None:
+    key = "motor.thrust_voltage_poly"
+    parameters = {**sections()["thrust"].parameters, key: [0.0036, 0.0072, 0.0113, -0.00034]}
+    keep_instead(campaign, "thrust", section(parameters))
+    for words in ((), ("--force",)):
+        ended = cfid("export", "firmware", *words)
+        assert (ended.returncode, ended.stdout, (campaign / "exports").exists()) == (4, "", False)
+        assert "--force" not in ended.stderr
+
+
+def test_what_a_hand_measured_is_taken(cfid: Cfid, campaign: Path) -> None:
+    for key, value in (
+        ("arm_m", "0.05"),
+        ("mass_kg", "0.0301"),
+        ("motor.thrust_voltage_poly", "0.0067,0.0101,0.0103,0.0028"),
+    ):
+        assert cfid("set", key, value).returncode == 0
+    found = macros(cfid("export", "firmware", "--out", "-").stdout)
+
+    assert (found["ARM_LENGTH"], found["CF_MASS"], found["VMOTOR2THRUST3"]) == (0.05, 0.0301, 0.0028)
 
 
 @pytest.mark.parametrize(
-    ("words", "part"),
-    [(("crazyfly",), "no such target"), (("mujoco", "--json"), "cfid export list"), ((), "TARGET")],
-    ids=["an unknown target", "json of a file", "no target"],
+    "words",
+    [
+        ("mass_kg", "28"),
+        ("arm_m", "46"),
+        ("gravity_mps2", "981"),
+        ("arm_m", "0.046", "--unit", "mm"),
+        ("motor.thrust_voltage_poly", "0.0036,0.0072,0.0113,-0.0003"),  # its motors would stop
+        ("motor.thrust_voltage_poly", "--", "0,1,1e200,1"),
+        ("motor.thrust_voltage_poly", "--", "nan,0.01,0,0.001"),
+        ("motor.thrust_voltage_poly", "0,0.04,0,1e-30"),
+    ],
 )
-def test_wrong_words_are_usage_errors(cfid: Cfid, campaign: Path, words: tuple[str, ...], part: str) -> None:
+def test_what_no_export_could_take_is_not_set_by_hand(cfid: Cfid, campaign: Path, words: tuple[str, ...]) -> None:
+    before = files(campaign)
+
+    assert cfid("set", *words).returncode == 2
+    assert files(campaign) == before
+
+
+@pytest.mark.parametrize(
+    "words",
+    [("crazyfly",), ("mujoco", "--json"), (), ("firmware", "--n", "5"), ("samples", "--out", "-")],
+)
+def test_wrong_words_are_usage_errors(cfid: Cfid, campaign: Path, words: tuple[str, ...]) -> None:
+    before = files(campaign)
     ended = cfid("export", *words)
 
     assert (ended.returncode, ended.stdout) == (2, "")
-    assert part in ended.stderr
+    assert files(campaign) == before
 
 
-def test_a_place_that_cannot_be_written_is_a_sentence(cfid: Cfid, campaign: Path) -> None:
-    ended = cfid("export", "mujoco", "--out", "rig.toml/x.xml")
-
-    assert ended.returncode == 2
-    assert "cannot be written" in ended.stderr
-
-
-def test_outside_a_campaign_there_is_nothing_to_export(cfid: Cfid) -> None:
+def test_a_rig_without_a_body_frame_or_no_campaign_is_refused(cfid: Cfid, tmp_path: Path) -> None:
     assert cfid("export", "list").returncode == 2
+    before, _, after = new_rig_text().partition("[vehicle.body_frame]")
+    (tmp_path / "rig.toml").write_text(before + after[after.index("[site]") :])
+
+    assert cfid("export", "firmware").returncode == 2
+
+
+def test_the_list_names_every_target_what_it_has_and_what_gives_the_rest(cfid: Cfid, campaign: Path) -> None:
+    (campaign / "empty").mkdir()
+    new_campaign(campaign / "empty")
+    text = cfid("export", "list", folder=campaign / "empty").stdout
+    full, empty = (
+        json.loads(cfid("export", "list", "--json", folder=folder).stdout) for folder in (campaign, campaign / "empty")
+    )
+
+    assert all(f"{name}: " in text for name in TARGETS)
+    assert "MISSING: inertia.matrix_kg_m2: `cfid fit inertia`" in text
+    assert [row["target"] for row in full["targets"] if row["ready"]] == list(TARGETS)
+    assert [row["target"] for row in empty["targets"] if row["ready"]] == ["firmware", "json"]
+    rows = {row["target"]: row for row in full["targets"]}
+    lag = {"keys": "dynamics.rising + dynamics.falling or tf.time_constant_s", "known": True}
+    assert lag.items() <= rows["rotorpy"]["needs"][-1].items()
 
 
 def test_the_json_has_the_covariances_of_numbers_that_depend_on_each_other(cfid: Cfid, campaign: Path) -> None:
@@ -131,208 +197,3 @@ def test_the_json_has_the_covariances_of_numbers_that_depend_on_each_other(cfid:
 
     assert found["covariance"] == {"thrust": {"covariance": [{"of": ["motor.max_thrust_n"], "matrix": [[1.44e-6]]}]}}
     assert found["quantities"]["motor.max_thrust_n"]["std"] == 0.0012
-
-
-def test_the_list_names_every_target_what_it_has_and_what_gives_the_rest(cfid: Cfid, tmp_path: Path) -> None:
-    (tmp_path / "rig.toml").write_text(new_rig_text())
-    ended = cfid("export", "list")
-
-    assert ended.returncode == 0
-    assert all(f"{name}: " in ended.stdout for name in TARGETS)
-    assert "MISSING: inertia.matrix_kg_m2: `cfid fit inertia`" in ended.stdout
-    assert "has: mass_kg" in ended.stdout
-
-
-def test_the_list_as_json_is_one_object_with_needs_by_key(cfid: Cfid, campaign: Path) -> None:
-    content = json.loads(cfid("export", "list", "--json").stdout)
-
-    assert (content["command"], sorted(content)) == ("export list", ["command", "targets", "version"])
-    rows = {row["target"]: row for row in content["targets"]}
-    assert list(rows) == list(TARGETS)
-    assert all(row["ready"] for row in rows.values())
-    assert sorted(rows["mujoco"]) == ["about", "file", "needs", "ready", "rejected", "target", "uses"]
-    lags = {"known": True, "keys": "dynamics.rising + dynamics.falling or tf.time_constant_s"}
-    found = [need for need in rows["rotorpy"]["needs"] if "tf.time" in need["keys"]]
-    assert [{key: need[key] for key in lags} for need in found] == [lags]
-
-
-def test_the_list_says_what_is_not_ready(cfid: Cfid, tmp_path: Path) -> None:
-    (tmp_path / "rig.toml").write_text(new_rig_text())
-    rows = json.loads(cfid("export", "list", "--json").stdout)["targets"]
-
-    assert [row["target"] for row in rows if row["ready"]] == ["firmware", "json"]
-
-
-def test_what_a_hand_measured_is_taken(cfid: Cfid, campaign: Path) -> None:
-    assert cfid("set", "arm_m", "0.05", "--std", "0.0001").returncode == 0
-    assert cfid("set", "mass_kg", "0.0301").returncode == 0
-    text = cfid("export", "firmware", "--out", "-").stdout
-
-    assert "#define ARM_LENGTH 0.05f" in text
-    assert "#define CF_MASS 0.0301f" in text
-
-
-def test_numbers_of_a_simulated_or_excluded_run_are_said_to_be_so(cfid: Cfid, campaign: Path) -> None:
-    writer = create_run(
-        campaign / "runs",
-        kind="swing",
-        label=Label(axis="x"),
-        devices={"encoder": DeviceRecord(file="encoder.csv", columns=("t", "phi"))},
-        started=datetime(2026, 11, 21, 8, 30, tzinfo=UTC),
-        cfid_version="0",
-        simulated=True,
-    )
-    amend_run(writer.close("complete"), excluded="the cable touched")
-    found = section(sections()["inertia"].parameters, run=writer.folder.name)
-    keep_instead(campaign, "inertia", found)
-    refused = cfid("export", "crazyswarm2", "--out", "-")
-    assert (refused.returncode, refused.stdout) == (4, "")
-    assert "inertia.matrix_kg_m2 is outdated. Fitted to runs that are now excluded" in " ".join(refused.stderr.split())
-    ended = cfid("export", "crazyswarm2", "--out", "-", "--force")
-
-    assert "SIMULATED, no vehicle was measured: inertia.matrix_kg_m2." in " ".join(ended.stderr.split())
-    assert "made of SIMULATED recordings" in ended.stdout
-    excluded = (
-        f"Fitted to runs that are now excluded: {writer.folder.name} (the cable touched): fit again without them."
-    )
-    assert f"inertia.matrix_kg_m2: {excluded}" in " ".join(ended.stderr.split())
-    assert excluded in ended.stdout
-
-
-def test_a_mass_in_grams_and_an_arm_in_millimetres_are_refused_where_they_are_noted(cfid: Cfid, campaign: Path) -> None:
-    before = {path.name: path.read_bytes() for path in campaign.iterdir() if path.is_file()}
-    for words, expected in ((("mass_kg", "28"), "28.0 kg: grams?"), (("arm_m", "46"), "46.0 m: millimetres?")):
-        ended = cfid("set", *words)
-        assert ended.returncode == 2
-        assert expected in ended.stderr
-    assert {path.name: path.read_bytes() for path in campaign.iterdir() if path.is_file()} == before
-
-
-def test_what_is_implausible_is_exported_by_force_alone_and_marked(cfid: Cfid, campaign: Path) -> None:
-    assert cfid("set", "arm_m", "46", "--force").returncode == 0
-    ended = cfid("export", "firmware")
-    assert ended.returncode == 4
-    assert "arm_m is implausible, 46.0 m: millimetres?" in " ".join(ended.stderr.split())
-    assert not (campaign / "exports").exists()
-
-    text = cfid("export", "firmware", "--out", "-", "--force").stdout
-    assert "IMPLAUSIBLE: arm_m is implausible, 46.0 m" in text
-    assert "#define ARM_LENGTH 46.0f" in text
-
-
-@pytest.mark.parametrize(
-    ("line", "expected"),
-    [
-        ("gravity_mps2 = 981.0", "gravity_mps2 is implausible, 981.0 m/s^2: cm/s^2?"),
-        ("centre_of_mass_mm = [70.0, 0.0, 17.4]", "x = 70.0 mm and y = 0.0 mm: beyond the rotors"),
-    ],
-)
-def test_what_rig_toml_states_is_judged_as_well(cfid: Cfid, campaign: Path, line: str, expected: str) -> None:
-    key, rig = line.partition(" ")[0], campaign / "rig.toml"
-    rig.write_text(re.sub(rf"^{key} = .*$", line, rig.read_text(), count=1, flags=re.MULTILINE))
-    refused = cfid("export", "mujoco", "--out", "-")
-    assert (refused.returncode, refused.stdout) == (4, "")
-    assert expected in " ".join(refused.stderr.split())
-
-    forced = cfid("export", "mujoco", "--out", "-", "--force")
-    assert forced.returncode == 0
-    assert "IMPLAUSIBLE: " in forced.stdout
-    assert expected in forced.stdout
-
-
-def test_a_unit_that_contradicts_the_name_or_a_gravity_of_another_unit_is_not_noted(cfid: Cfid, campaign: Path) -> None:
-    before = {path.name: path.read_bytes() for path in campaign.iterdir() if path.is_file()}
-    for words, expected in (
-        (("arm_m", "0.046", "--unit", "mm"), "arm_m is in m, as its name states, but --unit is mm"),
-        (("mass_kg", "0.028", "--unit", "g"), "mass_kg is in kg, as its name states, but --unit is g"),
-        (("gravity_mps2", "981"), "981.0 m/s^2: cm/s^2?"),
-    ):
-        ended = cfid("set", *words)
-        assert ended.returncode == 2
-        assert expected in " ".join(ended.stderr.split())
-    assert {path.name: path.read_bytes() for path in campaign.iterdir() if path.is_file()} == before
-    assert cfid("set", "arm_m", "0.046", "--unit", "m").returncode == 0
-
-
-@pytest.mark.parametrize("target", ["mujoco", "rotorpy", "firmware"])
-def test_a_body_that_cannot_be_is_exported_by_force_alone_and_marked(cfid: Cfid, campaign: Path, target: str) -> None:
-    impossible = [[16.6e-6, 0.0, 0.0], [0.0, 16.7e-6, 0.0], [0.0, 0.0, 9e-5]]
-    keep_instead(campaign, "inertia", section({"inertia.matrix_kg_m2": impossible}))
-    refused = cfid("export", target, "--out", "-")
-    assert (refused.returncode, refused.stdout) == (4, "")
-    assert "inertia.matrix_kg_m2 is not that of a body" in " ".join(refused.stderr.split())
-
-    assert (
-        "IMPLAUSIBLE: inertia.matrix_kg_m2 is not that of a body"
-        in cfid("export", target, "--out", "-", "--force").stdout
-    )
-
-
-@pytest.mark.parametrize("platform", ["cf2", "other"])
-@pytest.mark.parametrize(
-    "target", ["mujoco", "gym-pybullet-drones", "safe-control-gym", "firmware", "rotorpy", "samples"]
-)
-def test_an_inertia_of_zeros_is_refused(cfid: Cfid, campaign: Path, target: str, platform: str) -> None:
-    rig = campaign / "rig.toml"
-    rig.write_text(rig.read_text().replace('platform = "cf2"', f'platform = "{platform}"'))
-    zeros = [[0.0] * 3] * 3
-    keep_instead(campaign, "inertia", section({"inertia.matrix_kg_m2": zeros}))
-    refused = cfid("export", target)
-    assert (refused.returncode, refused.stdout) == (4, "")
-    assert "inertia.matrix_kg_m2 is" in " ".join(refused.stderr.split())
-
-    assert cfid("export", target, "--force").returncode in (0, 4)
-
-
-def test_a_voltage_cubic_that_was_rejected_makes_no_header_and_says_why(cfid: Cfid, campaign: Path) -> None:
-    whole = sections()["thrust"]
-    cubic = "motor.thrust_voltage_poly"
-    kept = {key: parameter for key, parameter in whole.parameters.items() if key != cubic}
-    keep_instead(campaign, "thrust", replace(whole, parameters=kept, rejected={cubic: "It folds."}))
-    for words in ((), ("--force",)):
-        ended = cfid("export", "firmware", "--out", "-", *words)
-        assert (ended.returncode, ended.stdout) == (4, "")
-        assert "motor.thrust_voltage_poly was rejected: It folds." in " ".join(ended.stderr.split())
-    assert cfid("export", "crazyflow", "--out", "-").returncode == 0  # crazyflow takes no such map
-
-
-def test_force_makes_no_header_of_a_voltage_cubic_that_would_stop_the_motors(cfid: Cfid, campaign: Path) -> None:
-    whole, cubic = sections()["thrust"], "motor.thrust_voltage_poly"
-    kept = replace(whole.parameters[cubic], value=[0.0036, 0.0072, 0.0113, -0.00034])
-    forced = replace(whole, parameters={**whole.parameters, cubic: kept}, rejected={cubic: "It folds."})
-    keep_instead(campaign, "thrust", forced)
-    for words in ((), ("--force",)):
-        ended = cfid("export", "firmware", "--out", "-", *words)
-        assert (ended.returncode, ended.stdout) == (4, "")
-        assert "no header: motor.thrust_voltage_poly does not rise over all voltages" in " ".join(ended.stderr.split())
-        assert "--force" not in ended.stderr
-
-
-def test_a_voltage_cubic_may_be_noted_by_hand_if_the_firmware_can_invert_it(cfid: Cfid, campaign: Path) -> None:
-    cubic = "motor.thrust_voltage_poly"
-    ended = cfid("set", cubic, "0.0036,0.0072,0.0113,-0.0003")
-    assert ended.returncode == 2
-    assert "its motors stop. Nothing was changed." in " ".join(ended.stderr.split())
-
-    assert cfid("set", cubic, "0.0067,0.0101,0.0103,0.0028").returncode == 0
-    assert "#define VMOTOR2THRUST3 0.0028f" in cfid("export", "firmware", "--out", "-").stdout
-
-
-@pytest.mark.parametrize("cubic", ["nan,0.01,0,0.001", "0,inf,0,0.001", "0,1,1e200,1"])
-def test_a_voltage_cubic_that_single_precision_cannot_hold_is_not_noted(cfid: Cfid, campaign: Path, cubic: str) -> None:
-    before = sorted(campaign.rglob("*"))
-    ended = cfid("set", "motor.thrust_voltage_poly", "--", cubic)
-
-    assert ended.returncode == 2
-    assert "finite numbers in single precision. Nothing was changed." in " ".join(ended.stderr.split())
-    assert sorted(campaign.rglob("*")) == before
-
-
-@pytest.mark.parametrize("cubic", ["0,0.04,0,1e-30", "100,0.01,0,0.001"])
-def test_a_voltage_cubic_that_no_header_could_have_is_not_noted(cfid: Cfid, campaign: Path, cubic: str) -> None:
-    before = sorted(campaign.rglob("*"))
-    ended = cfid("set", "motor.thrust_voltage_poly", "--", cubic)
-
-    assert ended.returncode == 2
-    assert "Nothing was changed." in ended.stderr
-    assert sorted(campaign.rglob("*")) == before

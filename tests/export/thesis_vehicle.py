@@ -63,7 +63,7 @@ def section(parameters: Mapping[str, Any], *, rejected: str = "", run: str = "ru
 def sections() -> dict[str, Section]:
     """Return all sections that an export can use."""
     inertia = Parameter(value=INERTIA_KG_M2, std=INERTIA_STD_KG_M2, unit="kg m^2")
-    root = {"coefficients": THRUST_POLY, "thrust_min_n": 0.001, "thrust_max_n": MAX_THRUST_N}
+    root = {"coefficients": THRUST_POLY, "thrust_min_n": 0.001, "thrust_max_n": MAX_THRUST_N, "command_min": 435.0}
     return {
         "inertia": section({"inertia.matrix_kg_m2": inertia}, run="2026-11-21_083012_swing_x"),
         "thrust": section(
@@ -104,9 +104,12 @@ def vehicle(*without: str, frame: Mapping[str, str] | None = None, rejected: str
         )
         for name, found in sections().items()
     }
-    return collect(rig, values_of(kept))
+    return collect(rig, values_of(kept), campaign="thesis")
 
 
-def with_value(known: ExportVehicle, name: str, value: Any) -> ExportVehicle:
-    """Return a vehicle with another value of one quantity."""
-    return replace(known, quantities={**known.quantities, name: replace(known.quantities[name], value=value)})
+def with_value(known: ExportVehicle, key: str, value: Any) -> ExportVehicle:
+    """Return a vehicle with another value of one quantity, or with a quantity that it lacks."""
+    quantity = known.find(key)
+    if quantity is None:
+        quantity = replace(known.quantities["arm_m"], key=key, unit=unit_of(key), std=None)
+    return replace(known, quantities={**known.quantities, quantity.key: replace(quantity, value=value)})

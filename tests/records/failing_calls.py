@@ -74,7 +74,7 @@ def report(campaign: Campaign) -> None:
 
 
 def export(campaign: Campaign) -> None:
-    write_export(NEW, str(campaign.folder / "exports" / "vehicle.json"), force=True)
+    write_export({campaign.folder / "exports" / "vehicle.json": NEW.encode()}, force=True)
 
 
 JOBS = (record, fit, by_hand, note, report, export)
@@ -113,7 +113,7 @@ def make(folder: Path) -> None:
     keep(campaign.folder, "swing x", _section())
     campaign.keep(Result(command="fit friction", method="default", quantities=MATRIX))
     write_report(folder / "report.md", OLD)
-    write_export(OLD, str(folder / "exports" / "vehicle.json"), force=False)
+    write_export({folder / "exports" / "vehicle.json": OLD.encode()}, force=False)
 
 
 def attempt(job: Job, campaign: Campaign, which: int, kind: str) -> Ended:

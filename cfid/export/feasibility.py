@@ -35,44 +35,36 @@ def impossible(values: Mapping[str, Any], *, commands: tuple[float, float] = (DE
     for key in _POSITIVE:
         if key in values and not values[key] > 0:
             return f"{key} is not above zero"
-    matrix = values.get("inertia.matrix_kg_m2")
-    if matrix is not None and not is_consistent(np.array(matrix)):
+    if "inertia.matrix_kg_m2" in values and not is_consistent(np.array(values["inertia.matrix_kg_m2"])):
         return "inertia.matrix_kg_m2 is that of no possible body"
-    cmd = np.linspace(*commands, _POINTS)
-    for key in ("motor.thrust_poly", "motor.speed_poly"):
-        if key in values and not _rises(values[key], cmd):
+    command = np.linspace(*commands, _POINTS)
+    thrust_n = _reached_n(values, command)
+    square = values.get("motor.thrust_per_speed_squared_n_s2", math.nan)
+    speed_rad_s = np.sqrt(np.maximum(thrust_n, 0.0) / square)
+    speed_rad_s = speed_rad_s[np.isfinite(speed_rad_s)]
+    maps = {
+        "motor.thrust_poly": command,
+        "motor.speed_poly": command,
+        "motor.torque_poly": thrust_n,
+        "motor.thrust_speed_poly": speed_rad_s,
+    }
+    for key, x in maps.items():
+        if key in values and not np.all(np.polyval(np.polyder(np.array(values[key])), x) > 0):
             return f"{key} does not rise"
-    return _impossible_beyond(values, _reached_n(values, cmd))
-
-
-def _impossible_beyond(values: Mapping[str, Any], thrust: Array) -> str:
-    """Continue with the maps of thrust and of speed, over the thrusts (m,) that are reached, if any are known."""
-    if len(thrust) and "motor.torque_poly" in values and not _rises(values["motor.torque_poly"], thrust):
-        return "motor.torque_poly does not rise"
-    cubic = values.get("motor.thrust_voltage_poly")
     most_n = values.get("motor.max_thrust_n")
+    cubic: Sequence[float] | None = values.get("motor.thrust_voltage_poly")
     if cubic is not None and cubic_fault(cubic, max_thrust_n=most_n, fall=math.inf):
         return "motor.thrust_voltage_poly has no inverse in the firmware"
-    square = values.get("motor.thrust_per_speed_squared_n_s2")
-    if square is None or not len(thrust):
-        return ""
-    speed = np.sqrt(thrust / square)
-    if "motor.thrust_speed_poly" in values and not _rises(values["motor.thrust_speed_poly"], speed):
-        return "motor.thrust_speed_poly does not rise"
     for key in ("dynamics.rising", "dynamics.falling"):
-        if key in values and not np.all(values[key][0] + 2 * values[key][1] * speed > 0):
+        if key in values and not np.all(values[key][0] + 2 * values[key][1] * speed_rad_s > 0):
             return f"{key} is no lag"
     return ""
 
 
-def _reached_n(values: Mapping[str, Any], cmd: Array) -> Array:
+def _reached_n(values: Mapping[str, Any], command: Array) -> Array:
     """Return the thrusts (m,) above the idle thrust, in rising order, from a map or the largest thrust; else none."""
     if "motor.thrust_poly" in values:
-        thrust = np.polyval(values["motor.thrust_poly"], cmd)
-        return np.asarray(thrust[thrust >= IDLE * thrust[-1]])
-    most = values.get("motor.max_thrust_n")
-    return np.empty(0) if most is None else np.linspace(IDLE * most, most, _POINTS)
-
-
-def _rises(highest_first: Sequence[float], x: Array) -> bool:
-    return bool(np.all(np.polyval(np.polyder(np.array(highest_first)), x) > 0))
+        thrust_n = np.polyval(values["motor.thrust_poly"], command)
+        return np.asarray(thrust_n[thrust_n >= IDLE * thrust_n[-1]])
+    most_n = values.get("motor.max_thrust_n")
+    return np.empty(0) if most_n is None else np.linspace(IDLE * most_n, most_n, _POINTS)

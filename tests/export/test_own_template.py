@@ -1,0 +1,178 @@
+"""A campaign's own template is a target too; what others wrote into one reads no file and ends in time."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from jinja2 import TemplateError
+
+from cfid.errors import DataError
+from cfid.export.derived import Derived, Motor
+from cfid.export.render import rendered
+from cfid.export.target import target_named
+from tests.export.thesis_vehicle import section, sections, vehicle
+from tests.lab import Cfid, keep, keep_instead, new_campaign
+
+HEAD = """{#
+about = "Robot of our own"
+file_name = "robot.yaml"
+needs = ["mass_kg", "inertia.matrix_kg_m2"]
+uses = ["drag"]
+#}
+"""
+
+
+@pytest.fixture
+def campaign(tmp_path: Path) -> Path:
+    """A campaign with the thesis' numbers, in the folder where `cfid` runs."""
+    new_campaign(tmp_path)
+    for name, fit in sections().items():
+        keep(tmp_path, name, fit)
+    (tmp_path / "exports").mkdir()
+    return tmp_path
+
+
+def write(campaign: Path, body: str, head: str = HEAD) -> None:
+    (campaign / "exports" / "mine.j2").write_text(head + body)
+
+
+def test_a_template_in_the_campaign_is_exported_by_its_name_in_the_targets_axes(cfid: Cfid, campaign: Path) -> None:
+    write(campaign, 'mass: {{ v["mass_kg"]|n }}\nroll: {{ v.inertia_kg_m2[0][0]|n }}\ndrag: {{ v.has("drag") }}\n')
+    ended = cfid("export", "mine")
+
+    assert ended.returncode == 0, ended.stderr
+    text = (campaign / "exports" / "robot.yaml").read_text()
+    assert text.startswith("# Robot of our own: Crazyflie 2.0, ")
+    assert text.endswith("\nmass: 0.028\nroll: 1.6655602e-05\ndrag: True\n")
+    rows = json.loads(cfid("export", "list", "--json").stdout)["targets"]
+    assert [row["ready"] for row in rows if row["target"] == "mine"] == [True]
+
+
+def test_it_refuses_as_other_targets_do(cfid: Cfid, campaign: Path) -> None:
+    write(campaign, "mass: 1\n")
+    keep_instead(campaign, "inertia", section(sections()["inertia"].parameters, rejected="too little."))
+    refused = cfid("export", "mine")
+    assert (refused.returncode, (campaign / "exports" / "robot.yaml").exists()) == (4, False)
+    assert cfid("export", "mine", "--force").returncode == 0
+    assert "REJECTED: inertia.matrix_kg_m2." in (campaign / "exports" / "robot.yaml").read_text()
+
+    write(campaign, "", HEAD.replace('"mass_kg", ', '"rotor_radius_m", '))
+    assert cfid("export", "mine", "--force").returncode == 4
+
+
+def test_it_reads_no_quantity_that_its_head_does_not_state_since_that_was_not_judged(
+    cfid: Cfid, campaign: Path
+) -> None:
+    for body in ('{{ v["motor.max_thrust_n"] }}', "{{ v.moment_per_thrust_m }}"):
+        write(campaign, body)
+        assert cfid("export", "mine", "--out", "-").returncode == 4
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "{% include '/etc/passwd' %}",
+        "{% include '../../../../etc/passwd' %}",
+        "{% import 'os' as os %}{{ os }}",
+        "{{ v.__class__.__mro__ }}",
+        "{{ v._vehicle.frame }}",
+        "{{ v.has.__globals__ }}",
+        "{{ v|attr('__init__') }}",
+        "{{ ''.__class__.__base__.__subclasses__() }}",
+        "{{ '{0.__class__}'.format(v) }}",
+        "{{ cycler.__init__.__globals__ }}",
+        "{{ v.inertia_kg_m2.tofile('stolen') }}",
+        "{{ v.inertia_kg_m2.append(1) }}",
+        "{{ open('/etc/passwd').read() }}",
+        "{{ v.unknown }}",
+    ],
+)
+def test_a_template_reaches_nothing_but_numbers(body: str, campaign: Path) -> None:
+    write(campaign, body)
+    target = target_named("mine", campaign).model_copy(update={"own": False})  # in this process, which is quicker
+
+    with pytest.raises((TemplateError, DataError)):
+        rendered(target, vehicle())
+
+
+@pytest.mark.parametrize(
+    ("body", "place"),
+    [
+        (f"{'{% for i in range(9999) %}' * 3}{'{% endfor %}' * 3}", "mine.j2"),
+        ("{{ 'x' * 9000000000 }}", "mine.j2"),
+        ("{% for i in range(9999) %}{{ 'x' * 9999 }}{% endfor %}", "mine.j2"),
+        ("\n\n{{ 1 / 0 }}", "mine.j2, line 9:"),
+        ("\n{% for", "mine.j2, line 8:"),
+    ],
+    ids=["time", "memory", "output", "error", "syntax"],
+)
+def test_a_template_that_takes_too_much_or_is_wrong_ends_and_is_named(
+    body: str, place: str, cfid: Cfid, campaign: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("cfid.export.render._LONGEST_S", 8.0)
+    write(campaign, body)
+    ended = cfid("export", "mine")
+
+    assert (ended.returncode, ended.stdout) == (2, "")
+    assert place in ended.stderr
+    assert sorted(path.name for path in (campaign / "exports").iterdir()) == ["mine.j2"]
+
+
+@pytest.mark.parametrize(
+    "head",
+    [
+        "",
+        "{# about = #}",
+        HEAD.replace("robot.yaml", "../rig.toml"),
+        HEAD.replace("robot.yaml", ".robot"),
+        HEAD.replace("mass_kg", "mass_g"),
+        HEAD.replace("uses", "use"),
+        HEAD.replace("[", "[" * 5000),
+        HEAD.replace("Robot", "\0" * 10) + " " * 300_000,
+        "{# " + "a." * 3000 + "b = 1 #}",
+    ],
+)
+def test_an_invalid_head_is_refused(head: str, cfid: Cfid, campaign: Path) -> None:
+    write(campaign, "", head)
+    (campaign / "exports" / "bytes.j2").write_bytes(b"{# \xff #}")
+    for name in ("mine", "list", "bytes"):
+        ended = cfid("export", name)
+        assert ended.returncode == 2
+        assert ".j2: " in ended.stderr
+
+
+def test_a_head_cannot_claim_that_it_is_cfids_own(campaign: Path) -> None:
+    write(campaign, "", HEAD.replace("uses", "own = false\nname = 'firmware'\nuses"))
+    target = target_named("mine", campaign)
+
+    assert (target.own, target.name) == (True, "mine")
+
+
+def test_a_template_does_not_take_the_place_of_a_target_or_of_what_a_campaign_keeps(cfid: Cfid, campaign: Path) -> None:
+    (campaign / "exports" / "firmware.j2").write_text(f"{HEAD}stolen\n")
+    assert "CF_MASS" in cfid("export", "firmware", "--out", "-").stdout
+    assert cfid("export", "list").returncode == 2
+    (campaign / "exports" / "firmware.j2").unlink()
+
+    assert cfid("export", "../exports/mine").returncode == 2
+    assert cfid("export", "other").returncode == 2
+
+
+def test_templates_get_plain_numbers_alone() -> None:
+    """A NumPy array or scalar has a method that writes a file."""
+    numbers = Derived(vehicle())
+
+    def plain(value: Any) -> bool:
+        if isinstance(value, list | dict | Motor):
+            return all(map(plain, value.values() if isinstance(value, dict) else value))
+        return type(value) in {int, float, str}
+
+    names = [name for name in dir(Derived) if not name.startswith("_") and not callable(getattr(Derived, name))]
+    assert len(names) > 30
+    for name in names:
+        assert plain(getattr(numbers, name)), name
+    calls = (numbers.rest_inertia_kg_m2(10), numbers.rotor_moments_kg_m2(10), numbers.volts(0.05), numbers["drag"])
+    assert all(map(plain, calls))
+    assert plain(numbers.turned_tensor(np.eye(3).tolist()))
