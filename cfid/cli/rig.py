@@ -1,6 +1,7 @@
 """`cfid rig check` and `cfid rig sim`: check the devices, or simulate them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -10,12 +11,15 @@ import typer
 
 from cfid.console.flat import flat
 from cfid.console.lists import comma_list
-from cfid.console.messages import echo, fitted, in_options
+from cfid.console.messages import echo, fitted, in_options, note
 from cfid.console.options import positive
 
 if TYPE_CHECKING:
+    from cfid.console.recording import Rig
+    from cfid.console.signals import Answers
     from cfid.records.campaign import Campaign
     from cfid.rig.check import DeviceAnswer
+    from cfid.rig.instrument import Instrument
     from cfid.rig.loop import Ending, Loop
     from cfid.sim.devices import SimulatedRig
     from cfid.sim.propulsion import OnMotors
@@ -25,17 +29,23 @@ _ANSWERS_AT = 35  # the column in which answers of `cfid rig check` begin
 
 
 def check(
+    signals: Annotated[
+        bool,
+        typer.Option("--signals", help="Judge signals, too, with motors off: rate, losses, noise, drift, battery."),
+    ] = False,
+    for_s: Annotated[float, typer.Option("--for", metavar="S", help="Seconds of signals to judge.")] = 10.0,
     campaign: Annotated[
         Path | None, typer.Option(help="Campaign folder; default: the current folder or a parent.")
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """Identify every device, and report faults and remedies. Changes no settings.
+    """Identify every device, and report faults and remedies.
 
     A load cell's box streams to only one client: the check takes over the stream for a moment, unless a `cfid log`
-    holds it.
+    holds it. With `--signals`, each device that answers is then sampled at rest, with the settings of rig.toml, and
+    judged by its limits.
 
-    Example: [bold]cfid rig check[/bold]
+    Example: [bold]cfid rig check --signals[/bold]
     """
     from cfid.console.recording import rig_of
     from cfid.rig.check import check_encoder, check_lines, check_loadcell, check_vehicle
@@ -49,7 +59,41 @@ def check(
         **{name: check_lines(name, sender, hardware) for name, sender in hand_held.items() if sender is not None},
         "crazyflie": check_vehicle(devices.crazyflie, stated.vehicle.platform, hardware),
     }
+    if signals:
+        for name, answers in _judged_signals(rig, findings, for_s=positive(for_s, "--for")).items():
+            findings[name] = [*findings[name], *answers]
     report_answers("rig check", findings, simulated=rig.simulated, json=json)
+
+
+def _judged_signals(rig: "Rig", identified: "Mapping[str, Sequence[DeviceAnswer]]", *, for_s: float) -> "Answers":
+    """Sample the devices that answered, and judge their signals; a device that fails has a fault in its place."""
+    from cfid.console.signals import judged, look
+    from cfid.errors import DeviceError
+    from cfid.rig.check import DeviceAnswer
+    from cfid.rig.encoder import ready_encoder
+    from cfid.rig.loadcell import ready_loadcell
+    from cfid.rig.ready_vehicle import connect_vehicle
+
+    devices, stated, hardware = rig.devices, rig.campaign.rig, rig.hardware
+    counts_per_turn = stated.encoder.counts_per_turn
+    ready: dict[str, Callable[[ExitStack], Instrument]] = {
+        "encoder": lambda held: ready_encoder(
+            devices.encoder, hardware, held, counts_per_turn=counts_per_turn, say=note
+        ),
+        "loadcell": lambda held: ready_loadcell(devices.loadcell, hardware, held, say=note, patient=False),
+        "crazyflie": lambda held: connect_vehicle(devices.crazyflie, hardware, held).usual_log(),
+    }
+    answers: dict[str, list[DeviceAnswer]] = {}
+    for name, instrument_of in ready.items():
+        if any(answer.state == "fault" for answer in identified[name]) or len(identified[name]) < 2:
+            continue  # it does not answer, or another program holds it
+        try:
+            with ExitStack() as held:
+                instrument = instrument_of(held)
+                answers |= judged({name: instrument.record}, look([instrument], hardware, for_s=for_s), stated.check)
+        except DeviceError as error:
+            answers[name] = [DeviceAnswer("signals", "fault", str(error))]
+    return answers
 
 
 def report_answers(

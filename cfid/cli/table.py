@@ -83,11 +83,7 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     "rig": (None, "Check the rig's devices, or simulate them."),
     "rig check": (
         "cfid.cli.rig:check",
-        "Identify every device, and report faults and remedies. Changes no settings.",
-    ),
-    "rig preflight": (
-        "cfid.cli.preflight:preflight",
-        "Check a few seconds of real signals before an experiment: value, limit, and what to do. Changes no runs.",
+        "Identify every device, and report faults and remedies.",
     ),
     "rig sim": (
         "cfid.cli.rig:sim",

@@ -9,9 +9,9 @@ import numpy as np
 
 from cfid.console.live import LiveLine
 from cfid.console.options import positive
-from cfid.console.quick_look import NOT_READ, quick
 from cfid.console.recording import Found, KeepOptions, Rig, effort_of, nothing_found
 from cfid.console.recording import record as record_instruments
+from cfid.console.signals import NOT_READ, quick
 from cfid.console.vehicle import ExperimentOptions, confirm, reach, refuse
 from cfid.console.verdicts import Judge
 from cfid.counted import counted
@@ -164,8 +164,7 @@ def _record(
         if vehicle.no_preflight:
             effort += NOT_READ
         else:
-            mass_kg = stated.vehicle.mass_kg
-            effort += quick(looked_at, staircase.held, rig.hardware, mass_kg=mass_kg, calm=wanted.calm)
+            effort += quick(looked_at, staircase.held, rig.hardware, stated.check, calm=wanted.calm)
         confirm(crazyflie, staircase.motors, staircase.steps, yes=vehicle.yes, effort=effort, ring=live.ring)
         markers, platform = stated.facts.tachometer.markers, stated.vehicle.platform
         expected = expected_of(reading, motors=len(staircase.motors), markers=markers, platform=platform)

@@ -615,6 +615,23 @@ class CampaignGoal(RigTable):
     seed: Annotated[int, Field(strict=True, ge=0)] = 0
 
 
+class CheckLimits(RigTable):
+    """The limits of `cfid rig check --signals`, and of the look before motors turn.
+
+    `rate` is a fraction of the requested rate, `losses` one of the samples. `load`, `noise` and `drift` are fractions
+    of each axis' range of a load cell, `noise_deg` and `drift_deg` of a pendulum at rest.
+    """
+
+    rate: Positive = 0.95
+    losses: Spread = 0.01
+    load: Positive = 0.8
+    noise: Positive = 1e-3
+    drift: Positive = 2e-4
+    noise_deg: Positive = 0.5
+    drift_deg: Positive = 0.2
+    battery_v: Spread = 3.7
+
+
 class Rig(RigTable):
     """The contents of rig.toml."""
 
@@ -628,6 +645,7 @@ class Rig(RigTable):
     wind: WindStand = WindStand()
     lab_book: LabBook = LabBook()
     devices: Devices = Devices()
+    check: CheckLimits = CheckLimits()
     friction: FrictionRig | None = None
     mounts: dict[str, Mount] = Field(default_factory=dict)
     fixture: Fixture | None = None

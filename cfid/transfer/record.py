@@ -11,8 +11,8 @@ import numpy as np
 from cfid.console.live import LiveLine
 from cfid.console.log_summary import summary
 from cfid.console.messages import note as speech
-from cfid.console.quick_look import NOT_READ, quick
 from cfid.console.recording import Rig, attempt, effort_of
+from cfid.console.signals import NOT_READ, quick
 from cfid.console.vehicle import ExperimentOptions, confirm, reach, refuse
 from cfid.console.verdicts import Judge, judged
 from cfid.errors import CfidError, FitError
@@ -99,8 +99,7 @@ def record_sines(
 def _quick(cell: LoadCellBox | LoadCellLines, rig: Rig, log: Callable[[], Instrument], plan: Sequence[Held]) -> str:
     with ExitStack() as stream:
         loadcell = ready_loadcell(cell, rig.hardware, stream, say=speech, patient=False)
-        mass_kg = rig.campaign.rig.vehicle.mass_kg
-        return quick(lambda: [loadcell, log()], plan, rig.hardware, mass_kg=mass_kg)
+        return quick(lambda: [loadcell, log()], plan, rig.hardware, rig.campaign.rig.check)
 
 
 def _play(

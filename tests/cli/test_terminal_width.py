@@ -51,7 +51,7 @@ def joined(lines: list[str]) -> str:
 
 def check() -> None:
     with contextlib.suppress(DeviceError):
-        report_answers("rig preflight", {"loadcell": [ANSWER]}, simulated=True, json=False)
+        report_answers("rig check", {"loadcell": [ANSWER]}, simulated=True, json=False)
 
 
 def question() -> None:

@@ -86,7 +86,6 @@ COMMANDS = {
     "motors": Driving(("--yes",), "1 2 3 4 20000\n0\n"),
     "motors set": Driving((20000, "--for", 0.5, "--yes")),
     "motors stop": Driving((), drives=False),
-    "rig preflight": Driving(("--for", 0.5, "--yes")),
 }
 
 
@@ -109,7 +108,6 @@ def test_a_command_ends_well_with_its_default_options(tmp_path: Path, name: str,
 HOLD = ("motors", "set", 30000, "--yes")
 STAIRS = ("log", "thrust", *ALL, "--from", 30000, "--to", 30000, "--hold", 20, "--rest", 0.3, "--yes")
 SINES = ("log", "sine", "--motor", 1, "--l", "100,120", "--n", 20000, "--before", 0.3, "--yes")
-PREFLIGHT = ("rig", "preflight", "--for", 0.5, "--yes")
 ORDER = "1 2 3 4 30000\n"
 
 Act = Callable[[Bench, Pilot], None]
@@ -182,7 +180,6 @@ LATE = 0.5
 WAYS: dict[str, Way] = {
     "time over": Way((*HOLD, "--for", 0.5), wait, 0, vehicles=BARE),
     "a bug": Way(HOLD, break_program, 1),
-    "a bug in preflight": Way(PREFLIGHT, break_program, 1),
     "Ctrl-C": Way(HOLD, request("SIGINT"), 0, vehicles=BARE),
     "Ctrl-C twice": Way(HOLD, request("SIGINT", "SIGINT"), 0),
     "SIGHUP in a staircase": Way(STAIRS, request("SIGHUP"), 0),
@@ -192,24 +189,18 @@ WAYS: dict[str, Way] = {
         request("SIGINT"),
         0,
     ),
-    "Ctrl-C in preflight": Way(PREFLIGHT, request("SIGINT"), 130),
     "link silent": Way(HOLD, vehicle(silent_after_s=0), 3, vehicles=WITH_APP),
     "link closed": Way(HOLD, vehicle(closed_after_s=0), 3, vehicles=WITH_APP),
     "link silent in a sine": Way(SINES, vehicle(silent_after_s=0), 3, vehicles=WITH_APP),
-    "link silent in preflight": Way(PREFLIGHT, vehicle(silent_after_s=0), 3, vehicles=WITH_APP),
-    "link closed in preflight": Way(PREFLIGHT, vehicle(closed_after_s=0), 3, vehicles=WITH_APP),
     "battery low": Way(
         (*HOLD, "--for", 30), vehicle(low_battery_after_s=0), 3, "battery", vehicles=BARE, own_delay_s=LATE
     ),
     "battery low in a sine": Way(
         SINES, vehicle(low_battery_after_s=0), 3, "battery", vehicles=WITH_APP, own_delay_s=LATE
     ),
-    "battery low in preflight": Way(PREFLIGHT, vehicle(low_battery_after_s=0), 3, "not ready", own_delay_s=LATE),
     "load cell lost": Way(STAIRS, loadcell(silent_after_s=0), 3, vehicles=BARE, own_delay_s=LATE),
     "load cell lost in a sine": Way(SINES, loadcell(silent_after_s=0), 3, vehicles=WITH_APP, own_delay_s=LATE),
-    "load cell lost in preflight": Way(PREFLIGHT, loadcell(silent_after_s=0), 3, "not ready", own_delay_s=LATE),
     "overload": Way(STAIRS, overload, 3, "saturation"),
-    "overload in preflight": Way(PREFLIGHT, overload, 3, "not ready"),
     "disk full": Way(STAIRS, fill_disk, 4, "too large"),
     "nonsense typed": Way(("motors", "--yes"), typing("1 99999\n"), 2, "99999", SCRIPT),
     "script over": Way(("motors", "--yes"), hang_up, 0, "", SCRIPT),
@@ -253,7 +244,7 @@ def test_the_motors_stop_whatever_ends_the_command(tmp_path: Path, name: str, ki
         assert bench.rig.crazyflie.vehicle.supervisor.state not in GONE_WRONG
 
 
-@pytest.mark.parametrize("words", [HOLD, STAIRS, PREFLIGHT], ids=["set", "thrust", "preflight"])
+@pytest.mark.parametrize("words", [HOLD, STAIRS], ids=["set", "thrust"])
 @pytest.mark.parametrize("fault", ["silent_after_s", "closed_after_s"])
 @pytest.mark.parametrize("kind", ["stock", "stock, Brushless"])
 def test_stock_firmware_without_a_link_is_the_exception_and_the_operator_is_told(

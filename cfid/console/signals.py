@@ -1,0 +1,210 @@
+"""Judge a few seconds of real signals, with motors off: rate, losses, noise and drift at rest, and the battery.
+
+The limits are those of rig.toml's table [check].
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from cfid.console.live import LiveLine
+from cfid.console.messages import clock, note
+from cfid.counted import counted
+from cfid.errors import DeviceError
+from cfid.estimate.battery_endurance import CELL_MAH, Held, endurance
+from cfid.records.rig_file import CheckLimits
+from cfid.records.run import DeviceRecord
+from cfid.rig.check import DeviceAnswer, State
+from cfid.rig.hardware import Hardware
+from cfid.rig.instrument import Instrument
+from cfid.rig.recorder import Sampled
+from cfid.rig.run import sample
+from cfid.rig.vehicle import BATTERY
+from cfid.wire.rls import turns_of
+
+Array = npt.NDArray[np.float64]
+Answers = dict[str, list[DeviceAnswer]]  # by device
+
+NOT_READ = "; battery not read"  # shown where `no_preflight` skips the look
+
+_AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
+_FEWEST = 3  # rows of a device, of which a slow one sends few
+_BLOCKS = 20  # for a drift, so that slow noise does not count as many independent samples
+_SURE = 3.0  # standard uncertainties by which a drift has to exceed its limit
+_TARE_S = 0.2  # the live line shows forces relative to those at the start, as in a recording
+_QUICK_S = 1.0
+_WORTHLESS = {"load", "rate", "losses"}  # faults of a load cell that make a recording useless
+_CHARGE = "charge"
+
+
+def look(instruments: Sequence[Instrument], hardware: Hardware, *, for_s: float) -> dict[str, Sampled]:
+    """Sample instruments for some seconds, a slow one until it has sent enough; return each by its name.
+
+    Raises DeviceError where one fails.
+    """
+    slowest_hz = min(instrument.record.rate_hz or math.inf for instrument in instruments)
+    live = LiveLine()
+    live.task("looking at the signals")
+    try:
+        return sample(
+            instruments, hardware, for_s=max(for_s, (_FEWEST + 1) / slowest_hz), tare_s=_TARE_S, show=live.show
+        )
+    finally:
+        live.end()
+
+
+def judged(
+    records: Mapping[str, DeviceRecord],
+    sampled: Mapping[str, Sampled],
+    limits: CheckLimits,
+    *,
+    plan: Sequence[Held] = (),
+    calm: bool = True,
+) -> Answers:
+    """Return the answers about each device that was sampled.
+
+    The battery has to last for the `plan`, if there is one. In wind, which is not `calm`, a load cell's noise and
+    drift have no limit.
+    """
+    answers: Answers = {}
+    for name, record in records.items():
+        device = sampled[name]
+        if device.rows < _FEWEST:
+            advice = "check its power, its cable and its table in rig.toml; `cfid rig check` shows what it sends"
+            answers[name] = [
+                _answer("rate", counted(device.rows, "sample"), f"{_FEWEST} samples", advice, within=False)
+            ]
+            continue
+        answers[name] = _rate(record, device, limits)
+        if name == "encoder":
+            answers[name] += _angle_at_rest(record, device, limits)
+        elif name == "loadcell":
+            answers[name] += _load_at_rest(record, device, limits, calm=calm)
+        elif BATTERY in device.columns:
+            answers[name].append(_battery(float(np.median(device.columns[BATTERY])), limits, plan))
+    return answers
+
+
+def quick(
+    devices: Callable[[], Sequence[Instrument]],
+    plan: Sequence[Held],
+    hardware: Hardware,
+    limits: CheckLimits,
+    *,
+    calm: bool = True,
+) -> str:
+    """Look at load cell and vehicle for one second, note each exceeded limit, and return the battery's state.
+
+    `devices` returns them, anew for each look. Raises DeviceError where a device failed, or where two looks agree that
+    a recording would be worthless; one look is not enough, since a busy computer may have missed samples.
+    """
+    for _ in range(2):
+        instruments = devices()
+        records = {instrument.name: instrument.record for instrument in instruments}
+        answers = judged(records, look(instruments, hardware, for_s=_QUICK_S), limits, plan=plan, calm=calm)
+        faults = {answer.asked for answer in answers.get("loadcell", ()) if answer.state == "fault"}
+        if not faults & _WORTHLESS:
+            break
+    every = [(name, answer) for name, own in answers.items() for answer in own]
+    lines = [
+        f"{name}, {answer.asked}: {answer.answer} (limit {answer.limit}): {answer.advice}."
+        for name, answer in every
+        if answer.state != "ok"
+    ]
+    if faults & _WORTHLESS:
+        raise DeviceError(f"not recorded: {' '.join(lines)} `no_preflight` records nevertheless.")
+    for line in lines:
+        note(line)
+    return next((f"; battery {answer.answer}" for _, answer in every if answer.asked == _CHARGE), "")
+
+
+def _rate(record: DeviceRecord, sampled: Sampled, limits: CheckLimits) -> list[DeviceAnswer]:
+    count, advice = sampled.rows + (sampled.lost or 0), "use a direct cable, or move the antenna nearer"
+    share = math.inf if sampled.lost is None else sampled.lost / count
+    shown = "unknown: more samples than the stated rate" if sampled.lost is None else f"{share:.2%} of {count} samples"
+    losses = _answer("losses", shown, f"{limits.losses:.2%}", advice, within=share <= limits.losses)
+    rate_hz = (record.model_extra or {}).get("settings", {}).get("rate_hz", record.rate_hz)
+    if rate_hz is None:
+        return [losses]
+    achieved_hz = (count - 1) / float(np.ptp(sampled.columns["t"]))
+    # The span of a few samples is uncertain by a fraction of a period.
+    least_hz = rate_hz * (limits.rate - (1 / count if count < 64 else 0.0))
+    advice = "end other programs on this computer, or request fewer samples (rate_hz in rig.toml)"
+    rate = _answer("rate", f"{achieved_hz:.4g} Hz", f"{least_hz:.4g} Hz", advice, within=achieved_hz >= least_hz)
+    return [rate, losses]
+
+
+def _angle_at_rest(record: DeviceRecord, sampled: Sampled, limits: CheckLimits) -> list[DeviceAnswer]:
+    in_radians = (record.model_extra or {}).get("angle_unit") == "rad"
+    counts_per_turn = math.tau if in_radians else record.counts_per_turn or math.nan
+    degrees = np.unwrap(360 * turns_of(sampled.columns["phi"], counts_per_turn).turns, period=360)
+    _, drift, sure = _noise_and_drift(degrees[:, np.newaxis])
+    moved, advice = float(np.ptp(degrees)), "let the pendulum hang still, and nothing touch it"
+    return [
+        _answer("noise", f"{moved:.2g} degrees between extremes", f"{limits.noise_deg:g}", advice,
+                within=moved <= limits.noise_deg),
+        _answer("drift", f"{drift[0]:.2g} degrees", f"{limits.drift_deg:g}", advice,
+                within=sure[0] <= limits.drift_deg),
+    ]  # fmt: skip
+
+
+def _load_at_rest(record: DeviceRecord, sampled: Sampled, limits: CheckLimits, *, calm: bool) -> list[DeviceAnswer]:
+    """Judge load, noise and drift of a Net F/T by the range of each axis; a device that sends lines has no limits."""
+    axes = [axis for axis in _AXES if axis in sampled.columns]
+    values = np.column_stack([sampled.columns[axis] for axis in axes])
+    noise, drift, sure = _noise_and_drift(values)
+    extra = record.model_extra or {}
+    if "settings" not in extra:
+        return [
+            DeviceAnswer(name, "ok", ", ".join(f"{axis} {value:.2g}" for axis, value in zip(axes, own, strict=True)))
+            for name, own in (("noise", noise), ("drift", drift))
+        ]
+    settings = extra["settings"]
+    per_force_and_torque = np.repeat([settings["counts_per_force"], settings["counts_per_torque"]], 3)
+    largest = np.array(settings["ranges"]) * per_force_and_torque
+    milli = 1e3 / np.repeat([extra["counts_per_n"], extra["counts_per_nm"]], 3)
+
+    def of_range(name: str, own: Array, limit: float, advice: str, judged: Array, *, has_limit: bool) -> DeviceAnswer:
+        worst = int(np.argmax(judged / largest))
+        unit = "mN" if axes[worst].startswith("F") else "mNm"
+        shown = f"{axes[worst]} {own[worst] * milli[worst]:.2g} {unit}, {own[worst] / largest[worst]:.2%} of its range"
+        within = not has_limit or judged[worst] <= limit * largest[worst]
+        return _answer(name, shown, f"{limit:.2%}" if has_limit else "", advice, within=bool(within))
+
+    load = np.max(np.abs(values), axis=0)
+    lower = "take load off, or mount the vehicle lower: beyond its range the cell shows no forces"
+    quieter = "look for vibration, mains adapters, a draught, or a cable that touches the vehicle"
+    warmer = "let the cell warm up for half an hour, and keep draughts and hands away"
+    return [
+        of_range("load", load, limits.load, lower, load, has_limit=True),
+        of_range("noise", noise, limits.noise, quieter, noise, has_limit=calm),
+        of_range("drift", drift, limits.drift, warmer, sure, has_limit=calm),
+    ]
+
+
+def _noise_and_drift(values: Array) -> tuple[Array, Array, Array]:
+    """Return each column's (n, k) standard deviation about a line, the change of the line, and the sure part of it."""
+    blocks = np.array([part.mean(axis=0) for part in np.array_split(values, min(_BLOCKS, len(values)))])
+    place = (np.arange(len(blocks)) + 0.5) / len(blocks) - 0.5
+    slope, middle = np.polyfit(place, blocks, 1)
+    off = blocks - np.outer(place, slope) - middle
+    std = np.sqrt((off**2).sum(axis=0) / (len(blocks) - 2) / (place @ place))
+    residual = values - np.outer((np.arange(len(values)) + 0.5) / len(values) - 0.5, slope)
+    return residual.std(axis=0), np.abs(slope), np.maximum(np.abs(slope) - _SURE * std, 0.0)
+
+
+def _battery(volts: float, limits: CheckLimits, plan: Sequence[Held]) -> DeviceAnswer:
+    """Judge the battery by its voltage, and by how long it lasts; only a warning, since a supply does not run empty."""
+    lasting = endurance(volts, plan) if plan else None
+    shown, limit, within = f"{volts:.2f} V", f"{limits.battery_v:g} V", volts >= limits.battery_v
+    if lasting is not None:
+        shown = f"{shown}: about {lasting.charge:.0%}, lasts {clock(lasting.lasts_s)} min at this plan's currents"
+        limit, within = f"{clock(lasting.takes_s)} min, on a cell of {CELL_MAH:g} mAh", lasting.enough
+    state: State = "ok" if within else "warning"
+    return DeviceAnswer(_CHARGE, state, shown, "" if within else "charge it, or record in parts", limit)
+
+
+def _answer(asked: str, answer: str, limit: str, advice: str, *, within: bool) -> DeviceAnswer:
+    return DeviceAnswer(asked, "ok" if within else "fault", answer, "" if within else advice, limit)
