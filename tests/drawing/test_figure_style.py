@@ -1,16 +1,12 @@
 """Features that all figures share: lines of any length, unchanged words, one page."""
 
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from matplotlib.figure import Figure
 
 from cfid.drawing.numbers import plus_minus
-from cfid.drawing.style import figure, styled, thinned
+from cfid.drawing.style import thinned
 
 
 @given(count=st.integers(1, 30_000), seed=st.integers(0, 9))
@@ -24,14 +20,6 @@ def test_a_thinned_line_keeps_its_ends_and_every_extreme(count: int, seed: int) 
     assert np.array_equal(y, value[x.astype(int)])
     assert np.all(np.diff(x) > 0)
     assert (y.min(), y.max()) == (value.min(), value.max())
-
-
-def test_words_stand_as_they_are(look: Callable[[Figure], Any]) -> None:
-    head = ("swing_$x$ of 5 % \\alpha", "not $believed$", "a_note")
-    page, _ = styled(figure)(1, 1, heights_in=(1.0,), title=head[0], rejections=head[1:2], notes=head[2:])
-    texts = list(look(page).texts())
-    assert [text.get_text() for text in texts] == [head[0], head[1], f"Note: {head[2]}"]
-    assert not any(text.get_parse_math() for text in texts)
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import numpy.typing as npt
 import pytest
 from matplotlib.figure import Figure
 
-from cfid.drawing.recordings import device_figure, recording_figure
+from cfid.drawing.recordings import recording_figure
 from cfid.findings import of_recording
 from cfid.recordings.angle import AngleRecord
 from cfid.records.parameters import Source
@@ -51,11 +51,3 @@ def test_a_gap_in_the_record_is_marked(look: Look) -> None:
     (corners,) = (path.vertices for path in gaps.get_paths())
     assert (corners[:, 0].min(), corners[:, 0].max()) == pytest.approx((0.998, 1.302))
     assert page.red().startswith("1 over")
-
-
-def test_a_group_of_more_columns_than_colours_shows_the_first_in_a_panel_that_has_room(look: Look) -> None:
-    columns = {f"a_long_name_of_states[{at}]": np.sin(at + TIME_S) for at in range(25)}
-    page = look(device_figure(TIME_S, columns, title="a", notes=()))
-    panel = page.panel("a_long_name_of_states[0] to 6, of 25")
-    assert [text.get_text() for text in panel.get_legend().get_texts()] == ["0", "1", "2", "3", "4", "5", "6"]
-    assert page.overlapping() == []

@@ -10,7 +10,6 @@ import pytest
 from matplotlib.figure import Figure
 
 from cfid.drawing.recordings import gaps_of, lines_of, spectrum_of, wrench_figure
-from cfid.drawing.save import save_figure
 from cfid.findings import of_recording
 from cfid.recordings.wrench import WrenchRecord
 from cfid.records.parameters import Source
@@ -81,23 +80,3 @@ def test_a_gap_is_marked_and_losses_are_red(look: Look) -> None:
         (corners,) = (path.vertices for path in gaps.get_paths())
         assert (corners[:, 0].min(), corners[:, 0].max()) == pytest.approx((1.0, 1.5), abs=1e-3)
     assert page.red() == "1, 0.5003 s in all 3500"
-
-
-@pytest.mark.parametrize("fz_n", [0.0, 1.0])
-@pytest.mark.parametrize("repeats", [1, 8])
-def test_the_shortest_record_and_one_in_which_nothing_moves_are_drawn(look: Look, repeats: int, fz_n: float) -> None:
-    time = np.repeat(0.01 * np.arange(32 // repeats), repeats)
-    record = _record(time, np.full(32, fz_n), lost=None)
-    record.force_n[:] = fz_n
-    page = look(wrench_figure(record, title="a"))
-    assert "unknown" in [text.get_text() for text in page.texts()]
-    assert page.overlapping() == []
-
-
-def test_a_minute_at_full_rate_makes_a_small_file_and_the_same_one_again(tmp_path: Path) -> None:
-    time = np.arange(420_000) / RATE_HZ
-    record = _record(time, _thrust(time))
-    _, svg = save_figure(wrench_figure(record, title="a"), tmp_path / "a")
-    assert svg.stat().st_size < 500_000
-    _, again = save_figure(wrench_figure(record, title="a"), tmp_path / "b")
-    assert again.read_bytes() == svg.read_bytes()

@@ -5,16 +5,13 @@ uint16_t at each crossing and one byte when done; C.2.6 answers with nothing. Th
 """
 
 import ctypes
-import struct
-from collections.abc import Callable
 from typing import TypeVar
 
-import numpy as np
 import pytest
 
 from cfid.sim.app_core import PING, SINE, THRUST, CorePacket, load_library
 from cfid.wire import app
-from tests.firmware.stand import BEGIN_US, MAY_NOT_RUN, MAY_RUN, Stand, new_core
+from tests.firmware.stand import BEGIN_US, MAY_RUN, Stand, new_core
 
 Record = TypeVar("Record")
 
@@ -51,19 +48,10 @@ def test_a_sine_packet_of_2015_plays_and_its_reports_begin_as_they_did(stand: St
     assert [payload for _, payload in stand.on(1)] == [b"a" + bytes.fromhex("00 08000000 00000000")]
 
 
-def test_the_ping_of_2015_is_answered_with_nothing() -> None:
-    assert c_answer(b"") == b""
-
-
 def test_any_other_ping_comes_back_with_the_time() -> None:
     assert c_answer(b"xyz") == b"xyz" + TIME == app.encode_ping_answer(b"xyz", BEGIN_US)
     assert c_answer(bytes(range(22))) == bytes(range(22)) + TIME
     assert c_answer(bytes(range(30))) == bytes(range(22)) + TIME
-
-
-@pytest.mark.parametrize(("service", "channel"), [(PING, 1), (PING, 2), (PING, 3), (THRUST, 0), (SINE, 0)])
-def test_nothing_but_a_ping_is_answered_as_one(service: int, channel: int) -> None:
-    assert c_answer(b"xyz", service, channel) is None
 
 
 def test_a_hello_says_who_answers(stand: Stand) -> None:
@@ -78,37 +66,6 @@ def test_a_keep_alive_and_a_stop_are_answered_with_the_state(stand: Stand) -> No
     stand.tell(THRUST, 0, COMMAND_1000_FOR_MOTOR_3)
     assert stand.tell(PING, 2, number) == number + bytes.fromhex("03 0000 0000 e803 0000") + TIME_32
     assert stand.tell(PING, 3, number) == number + bytes.fromhex("01 0000 0000 0000 0000") + TIME_32
-
-
-def test_the_state_has_a_flag_for_each_thing_that_can_be_amiss(stand: Stand) -> None:
-    assert stand.keep_alive().flags == app.Flags.MOTORS_ALLOWED | app.Flags.KEEP_ALIVE_FRESH
-    stand.tell(SINE, 0, SINE_OF_ONE_PERIOD)
-    assert app.Flags.SINE_RUNNING in stand.keep_alive().flags
-    stand.vehicle = MAY_NOT_RUN
-    assert app.Flags.MOTORS_ALLOWED not in stand.keep_alive().flags
-
-
-def test_every_answer_is_read_by_the_client(stand: Stand) -> None:
-    stand.keep_alive()
-    answer = stand.tell(THRUST, 0, COMMAND_1000_FOR_MOTOR_3)
-    time_us = int.from_bytes(TIME_32, "little")
-    assert app.decode_thrust_answer(answer) == app.ThrustAnswer(1000, 2, 0, (0, 0, 1000, 0), time_us)
-    answer = stand.tell(SINE, 0, SINE_OF_ONE_PERIOD)
-    omega = float(np.float32(np.pi / 4))
-    assert app.decode_sine_answer(answer) == app.SineAnswer(2, 20000, omega, 8, 0, False, 1)
-    answer = stand.tell(PING, 2, b"1234")
-    assert app.encode_state(decoded(app.decode_state, answer)) == answer
-    stand.run(1100)
-    for _, payload in stand.on(0):
-        assert struct.pack("<HIIH", *decoded(app.decode_crossing, payload)) == payload
-    for _, payload in stand.on(1):
-        assert struct.pack("<BBII", ord("a"), *decoded(app.decode_done, payload)) == payload
-
-
-def decoded(decode: Callable[[bytes], Record | None], payload: bytes) -> Record:
-    record = decode(payload)
-    assert record is not None
-    return record
 
 
 @pytest.mark.parametrize("size", range(31))

@@ -1,13 +1,11 @@
 """What the app does with a request, when it refuses one, and when a sine begins and ends."""
 
 import math
-import struct
 from collections.abc import Callable
 
-import numpy as np
 import pytest
 
-from cfid.sim.app_core import PING, SINE, THRUST
+from cfid.sim.app_core import PING, SINE
 from cfid.sim.propulsion import STILL
 from cfid.wire import app
 from cfid.wire.app import AppOutcome, AppVerdict
@@ -81,12 +79,6 @@ def test_nonsense_is_refused(stand: Stand, motor: int, omega: float, samples: in
     assert stand.crossings() == []
 
 
-@pytest.mark.parametrize("bits", [0x7F800001, 0xFFFFFFFF, 0x7FC00000])
-def test_the_answer_repeats_every_bit_of_an_omega_that_is_no_number(stand: Stand, bits: int) -> None:
-    request = struct.pack("<HHII", 1, 2, bits, 3)
-    assert stand.tell(SINE, 0, request)[:13] == request + bytes([AppVerdict.NO_FREQUENCY])
-
-
 def test_a_sine_stops_the_other_motors_and_begins_with_the_next_tick(stand: Stand) -> None:
     stand.keep_alive()
     stand.thrust(7000, app.ALL_MOTORS_THRUST)
@@ -131,14 +123,6 @@ def test_a_sine_runs_until_its_last_word_and_then_another_may(stand: Stand) -> N
     assert stand.sine(1, 1, 0.0, 1).verdict == AppVerdict.ACCEPTED
 
 
-def test_reports_of_the_next_sine_are_counted_from_zero(stand: Stand) -> None:
-    for _ in range(2):
-        started(stand, samples=100)
-        stand.run(1300)
-        assert [crossing.number for crossing in stand.crossings()] == list(range(len(stand.crossings())))
-        stand.heard.clear()
-
-
 def stop_by_thrust(stand: Stand) -> None:
     assert stand.thrust(0, app.ALL_MOTORS_THRUST).verdict == AppVerdict.ACCEPTED
 
@@ -180,14 +164,6 @@ def test_an_abort_is_told_like_an_end_with_its_reason(
     assert stand.done() == [(off_us + 1_000_000, app.Done(outcome, end.sample, 0))]
 
 
-def test_a_sine_that_is_stopped_before_its_first_sample_has_played_none(stand: Stand) -> None:
-    started(stand)
-    stop_by_thrust(stand)
-    assert stand.run(1001) == [STILL] * 1001
-    assert stand.crossings() == [app.Crossing(0, 0, BEGIN_US % 2**32, 0)]
-    assert [done for _, done in stand.done()] == [app.Done(AppOutcome.STOPPED, 0, 0)]
-
-
 def test_a_later_keep_alive_does_not_revive_old_commands(stand: Stand) -> None:
     stand.keep_alive()
     stand.thrust(30000, app.ALL_MOTORS_THRUST)
@@ -227,14 +203,6 @@ def test_the_motors_are_the_stock_controllers_before_the_first_keep_alive_and_af
     assert stand.tick() is None
 
 
-def test_an_old_client_which_sends_no_keep_alive_moves_nothing(stand: Stand) -> None:
-    stand.alive = False
-    thrust = stand.tell(THRUST, 0, bytes.fromhex("3075 04000000"))
-    sine = stand.tell(SINE, 0, bytes.fromhex("0100 204e db0f493f 08000000"))
-    assert thrust[6] == sine[12] == AppVerdict.NO_KEEP_ALIVE
-    assert stand.run(100) == [STILL] * 100
-
-
 @pytest.mark.parametrize(("service", "channel"), [(0, 1), (0, 2), (0, 3), (1, 1), (1, 2), (1, 3), (2, 0), (3, 0)])
 def test_what_is_for_nobody_is_not_answered(stand: Stand, service: int, channel: int) -> None:
     stand.keep_alive()
@@ -263,22 +231,3 @@ def test_reports_that_find_the_outbox_full_are_numbered_and_the_last_two_words_w
     assert (end_of, done_of) == (app.SineChannel.CROSSING, app.SineChannel.DONE)
     assert app.decode_crossing(end) == app.Crossing(0, 200, (BEGIN_US + 401 * TICK_US) % 2**32, 200)
     assert app.decode_done(done) == app.Done(AppOutcome.FINISHED, 200, 0)
-
-
-def test_the_last_word_too_waits_for_room(stand: Stand) -> None:
-    started(stand, samples=10)
-    stand.run(25)
-    for tick in range(1100):
-        stand.now_us += TICK_US
-        if tick % 20 == 0:
-            stand.core.receive(PING, 2, app.encode_alive(tick), now_us=stand.now_us, vehicle=MAY_RUN)
-        stand.core.tick(now_us=stand.now_us, vehicle=MAY_RUN)
-    assert {(service, channel) for service, channel, _ in stand.core.sent()} == {(PING, app.PingChannel.ALIVE)}
-    stand.tick()
-    assert [done for _, done in stand.done()] == [app.Done(AppOutcome.FINISHED, 10, 0)]
-
-
-def test_every_command_survives_the_single_precision_in_which_the_firmware_takes_it() -> None:
-    commands = np.arange(65536)
-    shares = commands.astype(np.float32) / np.float32(65535)  # what the app hands over
-    assert np.array_equal(np.trunc(shares * np.float32(65535)), commands)

@@ -64,23 +64,6 @@ def test_the_sine_is_eq_3_6_in_both_forms_of_the_core(stand: Stand, periods: int
     assert np.array_equal(played(stand, 20000, periods, N), commands_of(20000, periods, N))
 
 
-def test_the_packets_omega_as_it_comes_would_be_off_by_three_units_at_l_1000(stand: Stand) -> None:
-    omega = float(np.float32(app.omega_of(1000, N)))  # as the packet carries it
-    as_it_comes = 20000 * np.cos(omega * np.arange(N)) + 30000
-    assert np.abs(as_it_comes - eq_3_6(20000, 1000, N)).max() > 3
-    assert np.array_equal(played(stand, 20000, 1000, N), commands_of(20000, 1000, N))
-
-
-def test_a_sine_of_many_samples_does_not_drift(stand: Stand) -> None:
-    assert np.array_equal(played(stand, 30000, 33_333, 100_000), commands_of(30000, 33_333, 100_000))
-
-
-@pytest.mark.parametrize("amplitude", [1, 2, 999, 30000, 35535])
-def test_zero_half_and_one_times_the_amplitude_are_met_exactly(stand: Stand, amplitude: int) -> None:
-    halves = [amplitude, amplitude / 2, -amplitude / 2, -amplitude, -amplitude / 2, amplitude / 2]
-    assert list(played(stand, amplitude, 1, 6)) == [max(int(30000 + half), 0) for half in halves]
-
-
 @given(samples=st.integers(1, 2**32 - 1), data=st.data())
 def test_every_whole_number_of_periods_survives_the_packets_float(samples: int, data: st.DataObject) -> None:
     periods = data.draw(st.integers(0, min(samples // 2, 2**22)))

@@ -85,18 +85,6 @@ def seen(events: list[str], what: str) -> list[tuple[int, str]]:
     return [(int(part[0]), part[2] if len(part) > 2 else "") for part in parted if part[1] == what]
 
 
-@pytest.mark.parametrize("flags", [BRUSHED, BRUSHLESS], ids=["brushed", "brushless"])
-def test_it_compiles_without_a_warning(tmp_path: Path, flags: tuple[str, ...]) -> None:
-    assert compiled(tmp_path, *flags).stderr == ""
-
-
-def test_battery_compensation_is_refused_when_it_is_compiled(tmp_path: Path) -> None:
-    made = compiled(tmp_path, "-DCONFIG_ENABLE_THRUST_BAT_COMPENSATED=1")
-
-    assert made.returncode != 0
-    assert "app-config turns it off" in made.stderr
-
-
 def test_a_release_whose_motors_would_not_obey_is_refused_when_it_is_compiled(tmp_path: Path) -> None:
     older = tmp_path / "prototypes"
     shutil.copytree(HERE / "prototypes", older)
@@ -150,25 +138,11 @@ def test_a_vehicle_that_has_to_be_armed_is_disarmed_by_every_way_its_motors_stop
     assert seen(brushless("v 1 1", alive(), sine, "t 99", alive(), "t 300"), "disarm") == [(100, "")]
 
 
-def test_a_vehicle_that_was_armed_and_never_driven_is_disarmed_when_its_client_dies(brushless: Glue) -> None:
-    events = brushless("v 1 0", alive(), "t 700")
-
-    assert seen(events, "disarm") == [(499, "")]
-
-
-def test_a_vehicle_that_another_client_armed_is_disarmed_by_a_stop(brushless: Glue) -> None:
-    assert seen(brushless("v 1 0", "t 10", STOP, "t 10"), "disarm") == [(10, "")]
-
-
 def test_a_program_whose_motors_were_stopped_gets_no_hold_again_however_many_follow(brushed: Glue) -> None:
     others = [line for owner in range(100, 107) for line in (alive(owner), "t 1", STOP, "t 1")]
     events = brushed("v 1 0", alive(), "t 1", STOP, "t 1", *others, alive(), thrust(9000), "t 5")
 
     assert not any("9000" in message for _, message in seen(events, "motors"))
-
-
-def test_an_armed_vehicle_waits_for_its_first_thrust(brushless: Glue) -> None:
-    assert seen(brushless("v 1 0", alive(), "t 300"), "disarm") == []
 
 
 def test_a_brushed_vehicle_is_never_disarmed_and_its_idle_thrust_never_touched(brushed: Glue) -> None:
@@ -190,10 +164,6 @@ def test_idle_thrust_stays_while_a_motor_is_at_zero(brushless: Glue) -> None:
     events = brushless("v 1 0", alive(), thrust(20000, 0), "t 100", thrust(20000), "t 100", thrust(0, 2), "t 100")
 
     assert seen(events, "idle") == [(100, "0"), (200, "7000")]
-
-
-def test_idle_thrust_stays_while_the_supervisor_lets_no_motor_run(brushless: Glue) -> None:
-    assert seen(brushless("v 0 0", alive(), thrust(20000), "t 100"), "idle") == []
 
 
 def test_idle_thrust_comes_back_as_it_was_found_when_the_client_dies(brushless: Glue) -> None:

@@ -60,12 +60,9 @@ def rows(name: str, campaigns: int, *, count: int, seed: int) -> tuple[Row, Row]
 
 
 QUICK = [
-    ("exponential", 1000),
     ("gamma", 1000),
     ("rounded", 300),
-    ("rounded", 1000),
     ("bursts", 2000),
-    ("congestion", 2000),
 ]
 # 500 pings of the others are too few to show how they are correlated, and are marked
 MANY = [("exponential", 500), ("gamma", 500), ("rounded", 300), *((name, 2000) for name in CHANNELS)]
@@ -89,14 +86,7 @@ def test_short_records_of_a_busy_channel_are_marked(name: str, marked: int) -> N
     assert found == 0 if marked == 0 else found >= marked
 
 
-def test_a_latency_that_wanders_over_a_minute_is_marked_in_ten_minutes_of_pings() -> None:
-    rng, decay, count = np.random.default_rng(6), np.exp(-EVERY_S / 60), 6000
-    for _ in range(20):
-        wander = lfilter([1.0], [1.0, -decay], np.sqrt(1 - decay**2) * rng.standard_normal(3 * count))[-count:]
-        assert round_trips(0.03 + rng.exponential(16e-3, count) + 5e-3 * wander).are_correlated
-
-
-@pytest.mark.parametrize("name", ["exponential", "gamma", "rounded", "bursts"])
+@pytest.mark.parametrize("name", ["rounded", "bursts"])
 def test_median_and_percentile_lie_within_their_intervals(name: str) -> None:
     rng = np.random.default_rng(7)
     true_s = np.quantile(CHANNELS[name](400_000, rng)[0], (0.5, 0.95))

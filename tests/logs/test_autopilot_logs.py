@@ -1,7 +1,6 @@
 """ULog and blackbox: files composed byte by byte are read with their own libraries."""
 
 import contextlib
-import math
 import struct
 import sys
 from collections.abc import Sequence
@@ -14,7 +13,6 @@ from cfid.errors import ConfigError, DataError
 from cfid.recordings.crazyflie import channel
 from cfid.recordings.read import read_recording
 from cfid.recordings.recording import How, Recording
-from cfid.units import MOTORS
 from tests.logs.autopilot_bytes import (
     BLACKBOX_END,
     COUNT,
@@ -66,14 +64,6 @@ def test_topics_of_a_ulog_file_are_series_in_px4_s_units(tmp_path: Path) -> None
     assert codes(log) == ["log-dropouts", "log-motors"]
 
 
-def test_the_battery_of_a_ulog_file_is_the_one_that_is_connected(tmp_path: Path) -> None:
-    (tmp_path / "log.ulg").write_bytes(ulog(unconnected=True))
-    log = read_recording(tmp_path / "log.ulg")
-    _, volts = channel(log, "pm.vbat")
-    assert len(volts) == 20
-    assert np.all(volts == 16.5)
-
-
 @pytest.mark.parametrize(
     ("geometry", "order"), [("", (1, 4, 2, 3)), ("FR RL FL RR", (1, 4, 2, 3)), ("FR RR RL FL", (1, 2, 3, 4))]
 )
@@ -85,33 +75,6 @@ def test_motors_of_px4_get_the_crazyflie_s_numbers(tmp_path: Path, geometry: str
     np.testing.assert_allclose(channel(log, "acc.z").value, 9.81, rtol=1e-6)
     np.testing.assert_allclose(channel(log, "pm.vbat").value, 16.5)
     assert log.facts.square is (True if geometry else None)
-
-
-def test_a_ulog_file_that_its_library_wrote_is_read_alike(tmp_path: Path) -> None:
-    pyulog = pytest.importorskip("pyulog", reason='pyulog comes with pip install "cfid[ulog]"')
-    pyulog.ULog(str(written(tmp_path, ulog()))).write_ulog(str(tmp_path / "again"))
-    np.testing.assert_array_equal(channel(read_recording(tmp_path / "again"), "xyz[1]").value, -np.arange(COUNT))
-
-
-def test_a_signalling_nan_of_a_damaged_ulog_file_is_a_missing_value_without_a_warning(tmp_path: Path) -> None:
-    pytest.importorskip("pyulog", reason='pyulog comes with pip install "cfid[ulog]"')
-    whole, value = ulog(), struct.pack("<3f", 7 / 8, -7, 0.5)
-    log = read_recording(written(tmp_path, whole.replace(value, b"\x01\x00\xa0\x7f" + value[4:])))
-    rates = log.series["vehicle_angular_velocity"]
-    assert sum(int(np.isnan(column.values).sum()) for column in rates.columns) == 1
-
-
-def test_a_ulog_file_without_data_ends_in_a_sentence(tmp_path: Path) -> None:
-    pytest.importorskip("pyulog", reason='pyulog comes with pip install "cfid[ulog]"')
-    with pytest.raises(DataError, match=r"without data|not readable as a ULog file"):
-        read_recording(written(tmp_path, ulog()[:60]))
-
-
-def test_a_blackbox_log_with_a_damaged_header_is_named_with_what_to_do(tmp_path: Path) -> None:
-    pytest.importorskip("orangebox", reason='orangebox comes with pip install "cfid[blackbox]"')
-    damaged = blackbox().replace(b"I interval:1", b"I interval:x")
-    with pytest.raises(DataError, match=r"cannot read the header of log 1 of 1 \(.*Error\)\. Copy it"):
-        read_recording(written(tmp_path, damaged))
 
 
 def test_frames_of_a_blackbox_log_are_rows_in_si_units(tmp_path: Path) -> None:
@@ -157,16 +120,6 @@ def test_the_voltage_of_a_blackbox_log_has_the_step_of_its_firmware_s_version(
         np.testing.assert_allclose(channel(log, name).value, [16.4, 16.3, 15.2, 16.6])
 
 
-@pytest.mark.parametrize("firmware", ["Betaflight 3.0.1 (abcdef0) NAZE", "INAV 7.1.0 (abcdef0) MATEKF405", "abcdef0"])
-def test_a_voltage_of_a_blackbox_log_whose_step_is_not_known_keeps_its_raw_numbers(
-    tmp_path: Path, firmware: str
-) -> None:
-    pytest.importorskip("orangebox", reason='orangebox comes with pip install "cfid[blackbox]"')
-    log = read_recording(written(tmp_path, blackbox_with_voltage(firmware=firmware, reference=160, counts=(160, 158))))
-    series = only(log)
-    assert (series.column("vbatLatest").unit, "pm.vbat" in series.names) == ("", False)
-
-
 def test_a_cut_blackbox_log_gives_its_whole_frames(tmp_path: Path) -> None:
     pytest.importorskip("orangebox", reason='orangebox comes with pip install "cfid[blackbox]"')
     log = read_recording(written(tmp_path, blackbox()[:-200]))
@@ -207,56 +160,6 @@ def test_damaged_bytes_of_a_blackbox_log_cost_the_frames_that_they_are_in(tmp_pa
     assert series.time_s is not None
     np.testing.assert_allclose(series.time_s, 1e-6 * 500 * (loops - loops[0]))
     np.testing.assert_allclose(series.column("gyroADC[0]").values, loops - 100)
-
-
-def test_a_parameter_or_a_field_of_another_type_is_left_out_of_a_ulog_file(tmp_path: Path) -> None:
-    pytest.importorskip("pyulog", reason='pyulog comes with pip install "cfid[ulog]"')
-    content = ulog(geometry="FR RL FL RR")
-    text = b"float CA_ROTOR0_PX"
-    of_text = b"char[4]" + text[5:]  # a type whose name has another length
-    assert content.count(text) == 1
-    parameter = message("P", bytes([len(text)]) + text + struct.pack("<f", 0.1))
-    other = message("P", bytes([len(of_text)]) + of_text + b"0.10")
-    (tmp_path / "log").write_bytes(content.replace(parameter, other))
-
-    log = read_recording(tmp_path / "log")
-
-    assert log.facts.square is None
-
-
-def test_a_blackbox_log_without_a_time_ends_in_a_sentence(tmp_path: Path) -> None:
-    pytest.importorskip("orangebox", reason='orangebox comes with pip install "cfid[blackbox]"')
-    with pytest.raises(DataError, match="log 1 of 1 is a blackbox log without a field 'time'"):
-        read_recording(written(tmp_path, blackbox().replace(b"Iteration,time", b"Iteration,tide")))
-
-
-def test_a_damaged_time_of_a_ulog_file_costs_its_row(tmp_path: Path) -> None:
-    pytest.importorskip("pyulog", reason='pyulog comes with pip install "cfid[ulog]"')
-    content = ulog()
-    for at, wrong in ((50, 90_000_000), (120, 3)):
-        right = struct.pack("<HQ", 0, 10_000 + 4000 * at)
-        assert content.count(right) == 1
-        content = content.replace(right, struct.pack("<HQ", 0, wrong))
-    log = read_recording(written(tmp_path, content))
-    series = log.series["vehicle_angular_velocity"]
-    assert series.time_s is not None
-    assert np.all(np.diff(series.time_s) > 0)
-    assert series.rows == COUNT - 2
-    assert "log-times-left-out" in codes(log)
-
-
-def test_outputs_of_a_blackbox_log_beyond_full_throttle_are_left_out_and_counted(tmp_path: Path) -> None:
-    pytest.importorskip("orangebox", reason='orangebox comes with pip install "cfid[blackbox]"')
-    outputs = [[1500, 1500, 1500, 3600 if at in (40, 41) else 2000] for at in range(COUNT)]
-    rows = (blackbox_row(at, gyro=(at, 0, 0), motors=motors) for at, motors in enumerate(outputs))
-    log = read_recording(written(tmp_path, blackbox_head() + b"".join(rows) + BLACKBOX_END))
-
-    odd = [one for one in (channel(log, f"control.m{motor}").value for motor in range(1, 5)) if np.isnan(one).any()]
-    assert len(odd) == 1
-    assert np.flatnonzero(np.isnan(odd[0])).tolist() == [40, 41]
-    assert np.nanmax(odd[0]) == 65535
-    assert channel(log, "motor[3]").value[40] == 3600  # as in the file
-    assert "log-outputs-left-out" in codes(log)
 
 
 def test_a_blackbox_log_of_eight_motors_names_those_that_are_not_read(tmp_path: Path) -> None:
@@ -310,32 +213,6 @@ def test_speeds_of_px4_are_of_the_motors_that_their_controllers_state(
     speed = channel(log, "rpm.m1").value  # PX4's first motor is front right, like the Crazyflie's
     np.testing.assert_allclose(speed, front_right * np.pi / 30)
     assert not any("_padding" in name for name in only(log).names)
-
-
-def test_speeds_of_rotors_that_turn_the_other_way_are_counted_by_their_size(tmp_path: Path) -> None:
-    pytest.importorskip("pyulog", reason='pyulog comes with pip install "cfid[ulog]"')
-    log = read_recording(written(tmp_path, reports((101, 102, 103, 104), (1000, -2000, 3000, 0))))
-    speeds = [channel(log, f"rpm.m{motor}").value[0] for motor in MOTORS]
-    np.testing.assert_allclose(speeds, np.array([1000, 0, 2000, 3000]) * np.pi / 30)
-    np.testing.assert_allclose(channel(log, "esc[1].esc_rpm").value[0], -2000 * np.pi / 30)  # as in the file
-
-
-@pytest.mark.parametrize(("count", "driven"), [(8, 4), (None, 8), (6, 6)])
-def test_a_vehicle_of_more_than_four_motors_is_named_and_is_no_square(
-    tmp_path: Path, count: int | None, driven: int
-) -> None:
-    pytest.importorskip("pyulog", reason='pyulog comes with pip install "cfid[ulog]"')
-    content = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 1000) + message("B", bytes(40))
-    if count is not None:
-        key = b"int32_t CA_ROTOR_COUNT"
-        content += message("P", bytes([len(key)]) + key + struct.pack("<i", count))
-    content += message("F", b"actuator_motors:uint64_t timestamp;float[12] control;")
-    content += message("A", struct.pack("<BH", 0, 0) + b"actuator_motors")
-    controls = [0.5] * driven + [math.nan] * (12 - driven)
-    for at in range(50):
-        content += message("D", struct.pack("<HQ12f", 0, 10_000 + 4000 * at, *controls))
-    log = read_recording(written(tmp_path, content))
-    assert (log.facts.motors, log.facts.square) == (max(count or 0, driven), False)
 
 
 @pytest.mark.parametrize("missing", [1, 7, 20])

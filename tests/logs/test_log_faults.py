@@ -8,7 +8,7 @@ import numpy.typing as npt
 import pytest
 
 from cfid.errors import DataError
-from cfid.recordings.crazyflie import between, channel, windows
+from cfid.recordings.crazyflie import channel, windows
 from cfid.recordings.limits import refuse_repeated_times, without_hung
 from cfid.recordings.read import of_run
 from cfid.records.run import DeviceRecord, Label, read_run
@@ -58,15 +58,6 @@ def test_a_gyro_of_coarse_steps_that_hangs_while_the_vehicle_turns_is_named(begi
     assert ROWS - len(kept) == pytest.approx(4420 - begin, abs=40)
 
 
-def test_a_gyro_of_fine_steps_that_hangs_to_the_end_is_named() -> None:
-    time_s, rates = hovering(0.2)
-    fine = np.rint(rates / 0.06) * 0.06
-    fine[9000:, 1] = fine[9000, 1]
-    kept, findings = without_hung({"gyro": (time_s, np.radians(fine)), "accelerometer": forces()})
-    assert len(kept[0][0]) == 9000
-    assert [one.code for one in findings] == ["log-sensor-hung"]
-
-
 @pytest.mark.parametrize("time_s", [np.floor(EVERY_2_MS * 100) / 100, np.repeat(EVERY_2_MS, 2)])
 def test_times_that_are_rounded_or_of_two_recordings_are_refused(time_s: Array) -> None:
     with pytest.raises(DataError) as refused:
@@ -87,15 +78,6 @@ def test_parts_hold_what_the_log_holds() -> None:
             assert len(time_s) == 0 or 10 * at <= time_s[0] <= time_s[-1] < 10 + 10 * at
     with pytest.raises(DataError, match="no column b; it has fast: a, speed; slow: volts"):
         list(windows(LOG, ["b"], from_s=0.0, long_s=10.0))
-
-
-def test_rows_between_two_times_keep_the_times_of_all_series() -> None:
-    part = between(LOG, 20.0, 30.0)
-    for name in ("a", "volts"):
-        time_s, value = channel(LOG, name)
-        kept = (time_s >= 20) & (time_s <= 30)
-        np.testing.assert_array_equal(channel(part, name).time_s, time_s[kept])
-        np.testing.assert_array_equal(channel(part, name).value, value[kept])
 
 
 def test_rows_that_a_run_gets_while_it_is_read_change_nothing(tmp_path: Path) -> None:

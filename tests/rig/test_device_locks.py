@@ -1,15 +1,11 @@
 """Who holds a device, and which rig a campaign's commands use: both depend on locks that end with their process."""
 
 import contextlib
-import hashlib
 import os
-import re
 import signal
 import socket
 import subprocess
 import sys
-import threading
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -69,20 +65,6 @@ def the_holder(device: str = DEVICE) -> Holder:
     return holder
 
 
-def name_of(device: str) -> str:
-    """Return the abstract name that the kernel lists for a locked device."""
-    own_set = hashlib.sha256(os.environ["CFID_LOCKS"].encode()).hexdigest()[:12]
-    names = re.findall(rf" @(cfid/{own_set}/.+)", Path("/proc/net/unix").read_text())
-    (name,) = {str(name) for name in names if name.endswith(device)}
-    return name
-
-
-def wait_until_suspended() -> None:
-    end_s = time.monotonic() + 10
-    while not the_holder().is_suspended:
-        assert time.monotonic() < end_s
-
-
 # One holder at a time
 
 
@@ -102,28 +84,6 @@ def test_the_second_is_told_who_holds_a_device_until_that_one_ends(number: signa
         DeviceLock(DEVICE).release()
 
 
-def test_looking_at_a_device_keeps_nobody_from_taking_it() -> None:
-    looking = [threading.Thread(target=lambda: [holder_of(DEVICE) for _ in range(100)]) for _ in range(2)]
-    for thread in looking:
-        thread.start()
-    for _ in range(100):
-        DeviceLock(DEVICE).release()
-    for thread in looking:
-        thread.join()
-
-
-def test_a_release_frees_the_device_and_may_come_twice() -> None:
-    lock = DeviceLock(DEVICE)
-    assert holder_of(DEVICE) == ""  # it is this process
-    assert the_holder().process == os.getpid()
-    with pytest.raises(DeviceError, match=f"process {os.getpid()} "):
-        DeviceLock(DEVICE)
-    lock.release()
-    lock.release()
-    with DeviceLock(DEVICE):
-        pass
-
-
 def test_a_lock_moves_with_a_plug_to_another_port() -> None:
     with DeviceLock("/dev/ttyACM0") as lock, DeviceLock("/dev/ttyACM2"):
         with pytest.raises(DeviceError, match="is held by"):
@@ -134,13 +94,6 @@ def test_a_lock_moves_with_a_plug_to_another_port() -> None:
         DeviceLock("/dev/ttyACM0").release()
         with pytest.raises(DeviceError, match="is held by"):
             DeviceLock("/dev/ttyACM1")
-
-
-def test_locks_of_different_sets_are_apart(monkeypatch: pytest.MonkeyPatch) -> None:
-    with DeviceLock(DEVICE):
-        monkeypatch.setenv("CFID_LOCKS", "another rig")
-        with DeviceLock(DEVICE):
-            pass
 
 
 # Names
@@ -183,12 +136,6 @@ def test_different_addresses_are_different_devices(one: str, other: str) -> None
         pass
 
 
-def test_a_link_to_a_port_is_that_port(tmp_path: Path) -> None:
-    (tmp_path / "encoder").symlink_to("/dev/null")
-    with DeviceLock("/dev/null"), pytest.raises(DeviceError, match="is held by"):
-        DeviceLock(str(tmp_path / "encoder"))
-
-
 def test_vehicles_are_listed_again_and_again_without_a_connection_to_their_holder() -> None:
     """A lock accepts no connection: connections that look for its holder stay in its queue, and fill it."""
     uri = "radio://0/80/2M/E7E7E7E701"
@@ -216,48 +163,6 @@ def test_a_cfid_of_this_user_can_be_ended_and_is_told_from_the_next_one() -> Non
         assert second.poll() is None
 
 
-def test_a_process_that_was_suspended_is_known_and_gets_what_waits_for_it() -> None:
-    with another_process(HOLD, DEVICE) as first:
-        first.send_signal(signal.SIGSTOP)
-        wait_until_suspended()
-        assert the_holder().send(signal.SIGTERM, signal.SIGCONT)
-        assert first.wait(10) == -signal.SIGTERM
-
-
-def test_what_is_no_cfid_is_told_in_printable_words_and_not_signalled() -> None:
-    body = HOLD.replace(
-        "sys.stdin.read()",
-        "import os; os.set_inheritable(lock._socket.fileno(), True); os.execlp('sleep', '\\x1b[31msleep', '60')",
-    )
-    with another_process(body, DEVICE) as first:
-        end_s = time.monotonic() + 10
-        while "sleep" not in str(the_holder()):
-            assert time.monotonic() < end_s
-        assert str(the_holder()) == f"process {first.pid} ( [31msleep)"
-        assert not the_holder().send(signal.SIGTERM)
-
-
-def test_a_process_that_passed_its_lock_on_and_ended_is_not_taken_for_whoever_gets_its_number() -> None:
-    body = HOLD.replace('print("held"', 'import os\nif os.fork(): os._exit(0)\nprint("held"')
-    with another_process(body, DEVICE) as first:
-        first.wait(10)
-        assert the_holder().process == first.pid  # the kernel remembers this process
-        assert not the_holder().send(signal.SIGTERM)
-
-
-def test_a_holder_whose_queue_is_full_is_held_and_not_signalled() -> None:
-    with another_process(HOLD, DEVICE) as first, contextlib.ExitStack() as asking:
-        with contextlib.suppress(BlockingIOError):
-            while True:
-                asked = asking.enter_context(socket.socket(socket.AF_UNIX))
-                asked.setblocking(False)
-                asked.connect(f"\0{name_of(DEVICE)}")
-        assert not the_holder().send(signal.SIGKILL)
-        with pytest.raises(DeviceError, match="is held by"):
-            DeviceLock(DEVICE)
-        assert first.poll() is None
-
-
 # What others may do
 
 
@@ -269,41 +174,6 @@ def test_users_share_the_locks_of_one_another_and_cannot_be_signalled(user: str)
             DeviceLock(DEVICE)
         assert not the_holder().send(signal.SIGTERM)
         assert first.poll() is None
-
-
-@needs_root
-def test_another_user_is_told_who_of_root_holds_a_device() -> None:
-    body = """
-from cfid.rig.lock import find_holder
-holder = find_holder(sys.argv[1])
-print("held", flush=True)
-print(holder.process, holder.is_ours, holder.send(9), flush=True)
-sys.stdin.read()
-"""
-    with DeviceLock(DEVICE), another_process(AS_ANOTHER_USER + body, DEVICE, "65534") as other:
-        assert other.stdout is not None
-        assert other.stdout.readline() == f"{os.getpid()} False False\n"
-
-
-def test_a_name_that_looks_like_a_line_of_the_kernels_leads_to_no_other_process() -> None:
-    with another_process(HOLD, "udp://127.0.0.1:1") as first, socket.socket(socket.AF_UNIX) as forged:
-        inode = the_holder("udp://127.0.0.1:1").inode
-        other = name_of("udp://127.0.0.1:1").replace("127.0.0.1:1", "127.0.0.1:2")
-        forged.bind(f"\0\n0: 0 0 00010000 0001 01 {inode} @{other}")
-        assert find_holder("udp://127.0.0.1:2") is None
-        with another_process(HOLD, "udp://127.0.0.1:2") as second:
-            assert the_holder("udp://127.0.0.1:2").process == second.pid
-        assert first.poll() is None
-
-
-def test_a_name_that_somebody_took_without_listening_is_refused_at_once() -> None:
-    with DeviceLock(DEVICE):
-        name = name_of(DEVICE)
-    with socket.socket(socket.AF_UNIX) as squatter:
-        squatter.bind(f"\0{name}")
-        with pytest.raises(DeviceError, match=f"{DEVICE} is held by another process"):
-            DeviceLock(DEVICE)
-        assert find_holder(DEVICE) is None
 
 
 # rig.sim.toml

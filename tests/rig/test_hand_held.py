@@ -15,10 +15,10 @@ import pandas as pd
 import pytest
 
 from cfid.errors import DeviceError
-from cfid.rig.hand_held import HandHeld, Readings, Scales, Ut372, find_ut372
+from cfid.rig.hand_held import HandHeld, Readings, Scales, Ut372
 from cfid.rig.hardware import Hardware, Real, Receiver, SerialPort
 from cfid.rig.loop import Ending
-from cfid.rig.ports import HidPort, hid_nodes
+from cfid.rig.ports import hid_nodes
 from cfid.wire.ut372 import USB_PRODUCT, USB_VENDOR
 from tests.virtual_lab import STARTED_S, UNIX_S, Board, Lab, Recorded, recorded
 
@@ -116,35 +116,6 @@ def test_ten_seconds_of_silence_or_a_pulled_plug_end_a_run_and_keep_its_rows(
         assert len(log.rows) == rows
         assert log.took_s == pytest.approx(took_s, abs=0.1)
     assert lab.hardware.ports[f"{lab.port}/ttyUSB0"].receiver is None
-
-
-def at_another_speed(data: bytes, *, sent_baud: int, read_baud: int) -> bytes:
-    """Return the bytes that a port reads at the wrong speed: it samples the level of the line at its own bit times."""
-    levels = [level for byte in data for level in (0, *(byte >> bit & 1 for bit in range(8)), 1)] + [1] * 20
-    found, at = [], 0.0
-    step = sent_baud / read_baud
-    while at < len(levels) - 12:
-        if levels[int(at)]:
-            at += step / 8
-            continue
-        bits = [levels[min(int(at + (1.5 + bit) * step), len(levels) - 1)] for bit in range(8)]
-        found.append(sum(level << bit for bit, level in enumerate(bits)))
-        at += 9.5 * step
-    return bytes(found)
-
-
-@pytest.mark.parametrize(("make", "sent"), INSTRUMENTS)
-@pytest.mark.parametrize("factor", [0.25, 0.5, 2, 4, 8])
-def test_a_port_at_another_speed_ends_a_run_and_makes_no_row(
-    lab: Lab, make: Callable[[str], HandHeld], sent: bytes, factor: float
-) -> None:
-    assert at_another_speed(sent, sent_baud=2400, read_baud=2400) == sent
-    log = Log(lab, make, at_another_speed(sent, sent_baud=2400, read_baud=int(2400 * factor)))
-
-    assert isinstance(log.error, DeviceError)
-    assert "bytes without a reading" in str(log.error)
-    assert "\n" not in str(log.error)
-    assert len(log.rows) == 0
 
 
 @pytest.mark.parametrize(("shown", "word"), [(HELD, "HOLD"), (COUNTED, "HOLD"), (LARGEST, "HOLD"), (SET_UP, "set-up")])
@@ -247,13 +218,6 @@ def test_ports_run_at_their_instruments_speed(
     assert not found[2] & (termios.PARENB | termios.CSTOPB)
 
 
-@pytest.mark.parametrize(("name", "word"), [("none", "No such file"), ("file", "another device")])
-def test_a_hidraw_device_that_is_none_or_another_is_told(tmp_path: Path, name: str, word: str) -> None:
-    (tmp_path / "file").touch()
-    with pytest.raises(DeviceError, match=word):
-        HidPort(Real(), str(tmp_path / name), Received(), usb_id=(0x1A86, 0xE008), feature=b"\0")
-
-
 def add_hidraw(root: Path, name: str, hid_id: str) -> None:
     """Add a device as Linux presents it: its node, and the properties of the HID device behind that node."""
     folder = root / "sys/class/hidraw" / name / "device"
@@ -267,11 +231,3 @@ def test_the_tachometer_is_found_among_other_devices_by_its_usb_number(tmp_path:
     add_hidraw(tmp_path, "hidraw2", "0005:00001A86:0000E429")
 
     assert hid_nodes(USB_VENDOR, USB_PRODUCT, tmp_path) == [str(tmp_path / "dev/hidraw1")]
-
-
-def test_no_tachometer_or_two_devices_that_may_be_it_are_told(lab: Lab) -> None:
-    with pytest.raises(DeviceError, match="1a86:e008"):
-        find_ut372(lab.hardware)
-    paths = [lab.plug_in(Board(lambda n: b"", rate_hz=1), f"/virtual/hidraw{n}") for n in (1, 3)]
-    with pytest.raises(DeviceError, match=", ".join(paths)):
-        find_ut372(lab.hardware)

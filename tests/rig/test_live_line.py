@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.console.live import asking, fitting, line_of
+from cfid.console.live import line_of
 from cfid.rig.instrument import Block
 from cfid.rig.progress import Reading, degrees, displayed, first_force, vertical_force, volts
 from cfid.rig.recorder import Recorder
@@ -51,12 +51,6 @@ def staircase(left_s: float = 823.4, state: str = "ready") -> Live:
     return live
 
 
-def test_time_left_force_above_tare_battery_state_losses_rate_and_command_fit_80_columns() -> None:
-    parts = staircase(state="flying").line(task="command 20000 (9 of 33)")
-
-    assert fitting(parts, 79) == " 13:43 left  Fz  123 mN  3.92 V  flying  7 LOST  7000+100 Hz  command 20000"
-
-
 def test_losses_that_nobody_can_count_are_unknown_and_not_zero() -> None:
     live = Live(scales=None, loadcell=None)
     live.add("scales", 0, lost=None)
@@ -64,13 +58,6 @@ def test_losses_that_nobody_can_count_are_unknown_and_not_zero() -> None:
     assert "0 lost" not in live.line()
     live.add("loadcell", 0, lost=3)
     assert "3 LOST" in live.line()
-
-
-@pytest.mark.parametrize("columns", [79, 59, 39])
-def test_a_question_shows_its_end_on_a_narrow_terminal_where_the_answer_is_typed(columns: int) -> None:
-    shown = asking("RPM at command 20000, Enter for none (u undoes 15069) > 22861", columns)
-    assert shown.endswith(" > 22861")
-    assert len(shown) <= columns
 
 
 def words(*positions: int) -> list[npt.NDArray[np.int64]]:
@@ -98,17 +85,6 @@ def test_an_angle_is_shown_from_the_first_row_and_other_values_as_they_are(
         live.add("encoder", value)
 
     assert live.line()[1].strip() == shown
-
-
-def test_the_trace_is_of_what_is_read_not_of_the_first_column() -> None:
-    live = Live(loadcell=vertical_force(1e3), crazyflie=volts(1))
-    for block in range(3):
-        live.add("loadcell", 9.0, 9.0, block, rows=5)
-        live.add("crazyflie", block, 3.9, rows=5)
-
-    assert list(live.recorder.progress["loadcell"].trace) == [0.0, 1.0, 2.0]
-    assert list(live.recorder.progress["crazyflie"].trace) == [3.9] * 3
-    assert live.line()[-1] == "▁▅█"
 
 
 TENTHS = [0.1 * row for row in range(10)]

@@ -11,7 +11,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
 import pandas as pd
 import pytest
 
@@ -65,15 +64,15 @@ class Driving(NamedTuple):
 
     words: tuple[object, ...]
     typed: str = ""
-    vehicles: tuple[str, ...] = BARE
+    vehicles: tuple[str, ...] = ("app", "stock, Brushless")
     drives: bool = True
 
 
 COMMANDS = {
     "log thrust": Driving(STEP),
     "log speed": Driving(STEP, "12000\n"),
-    "log speed --tachometer deck": Driving(STEP, vehicles=("app, deck", "stock, deck")),
-    "log speed --tachometer brushless": Driving(STEP, vehicles=("app, Brushless", "stock, Brushless")),
+    "log speed --tachometer deck": Driving(STEP, vehicles=("stock, deck",)),
+    "log speed --tachometer brushless": Driving(STEP, vehicles=("app, Brushless",)),
     "log scales": Driving(STEP, "30\n"),
     "log sine": Driving(
         ("--l", "8,16", "--n", 500, "--before", 0.5, "--yes"), vehicles=("app", "app, Brushless", "app, deck")
@@ -282,7 +281,7 @@ def test_a_signal_to_the_process_stops_the_motors(
 
 
 @BOTH
-@pytest.mark.parametrize("before_s", [0.02, 0.06, 0.12, 0.2])
+@pytest.mark.parametrize("before_s", [0.02, 0.12])
 def test_an_end_shortly_before_a_step_leaves_no_motor_on(tmp_path: Path, firmware: str, before_s: float) -> None:
     """Actions that the procedure was about to take when the end was requested must not come after the stop."""
     radio = {"latency_s": 0.0285, "jitter_s": 0.008}
@@ -320,16 +319,6 @@ def test_the_operator_confirms_before_a_motor_turns(
     assert ("fastened" in pilot.err) == ("[y/N]" in pilot.err) is True
     assert (len(bench.history) > 1) == (code == 0)
     assert (bench.folder / "runs").exists() == (code == 0 and words[0] == "log")
-
-
-def test_rig_tomls_limit_is_told_before_anything_is_asked(bench: Bench) -> None:
-    rig = bench.folder / RIG_FILE
-    rig.write_text(rig.read_text() + "largest_command = 25000\n")
-    for words in (("log", "thrust", *QUICK), (*HOLD,), ("log", "sine", "--l", 3, "--yes")):
-        pilot = bench.start(*words)
-        assert pilot.end() == 2
-        assert "commands go from 0 to 25000" in pilot.err
-    assert len(bench.history) == 1
 
 
 @pytest.mark.parametrize(
@@ -382,22 +371,6 @@ def test_rig_check_calls_no_vehicle_ok_that_motors_set_refuses(bench: Bench, fau
     assert bench.start(*HOLD).end() == 3
     answers = checked(bench)
     assert (answers["link"]["state"], answers["motors"]["state"]) == ("ok", "fault")
-
-
-@pytest.mark.parametrize(
-    ("vehicle", "platform", "state"),
-    [("cf21bl", "cf2", "warning"), ("cf21bl", "crazyflie", "ok"), ("cf2", "cf21bl", "warning"), ("cf2", "cf2", "ok")],
-)
-def test_rig_check_compares_the_vehicle_with_rig_tomls_platform_and_notes_a_newer_protocol(
-    tmp_path: Path, vehicle: str, platform: str, state: str
-) -> None:
-    with bench_in(tmp_path, crazyflie={"platform": vehicle}) as bench:
-        rig = bench.folder / RIG_FILE
-        rig.write_text(rig.read_text().replace('platform = "cf2"', f'platform = "{platform}"'))
-        answers = checked(bench)
-        assert (answers["vehicle"]["state"], answers["link"]["state"]) == (state, "ok")
-        bench.vehicle_suffers(protocol=99)
-        assert checked(bench)["link"]["state"] == "warning"
 
 
 @pytest.mark.parametrize(
@@ -505,23 +478,6 @@ def test_a_staircase_that_ends_in_the_pause_after_its_last_step_is_complete(benc
     assert "--resume" not in pilot.out
 
 
-def test_a_sine_on_board_is_felt_by_the_load_cell(bench: Bench) -> None:
-    pilot = bench.start("log", "sine", "--l", "12", "--n", 1000, "--yes", "--before", 0.5)
-    assert pilot.end() == 0, pilot.err
-    run = bench.run()
-    assert run.header.requested == {"l": 12, "n": 1000, "amplitude": 20000, "motor": 1}
-    crossings, cell = (pd.read_csv(run.device_file(name)) for name in ("crossings", "loadcell"))
-    on_board_s = (crossings.vehicle_us - crossings.vehicle_us.iloc[0]).to_numpy() / 1e6
-    assert on_board_s == pytest.approx(crossings["sample"].to_numpy() / 500, abs=0.002)
-    begin_s = (crossings.t - on_board_s).min()  # from the report with the smallest delay
-    played = cell[(cell.t > begin_s) & (cell.t < begin_s + 2.0)]
-    phase = 2 * np.pi * 6 * (played.t - begin_s)  # l 500/N hertz
-    basis = np.column_stack([np.ones(len(played)), np.cos(phase), np.sin(phase)])
-    _, cos, sin = np.linalg.lstsq(basis, played.Fz.to_numpy() / 1e6, rcond=None)[0]
-    assert np.hypot(cos, sin) > 0.005
-    assert sin > 0  # the rotor lags behind
-
-
 def test_sines_are_played_one_after_the_other_and_resumed(bench: Bench) -> None:
     words = ("log", "sine", "--l", "5,20,40", "--n", 300, "--yes", "--before", 0.2)
     pilot = bench.start(*words)
@@ -541,40 +497,11 @@ def test_sines_are_played_one_after_the_other_and_resumed(bench: Bench) -> None:
     assert "nothing is left" in last.err
 
 
-@BOTH
-def test_pings_are_fitted_by_their_mean_and_deviation(tmp_path: Path, firmware: str) -> None:
-    radio = {"latency_s": 0.0285, "jitter_s": 0.008}
-    with bench_in(tmp_path, crazyflie={"firmware": firmware}, radio=radio) as bench:
-        pilot = bench.start("log", "ping", "--count", 60, "--interval", 0.07, "--json")
-        assert pilot.end() == 0, pilot.err
-        found = json.loads(pilot.out)["parameters"]
-        measured_s = pd.read_csv(bench.run().device_file("pings")).rtt_s
-    assert len(measured_s) == 60
-    assert found["latency.rtt_mean_s"]["value"] == pytest.approx(measured_s.mean(), rel=1e-6)
-    assert found["latency.rtt_std_s"]["value"] == pytest.approx(measured_s.std(ddof=1), rel=1e-6)
-
-
 # The console
 
 
 def motors_are(bench: Bench, motors: Four) -> bool:
     return bench.motors == motors
-
-
-def test_the_console_obeys_lines(bench: Bench) -> None:
-    pilot = bench.start("motors", "--yes", script=True)
-    for line, motors in [
-        ("1 3 20000", (20000, 0, 20000, 0)),
-        ("a 30000", (30000,) * 4),
-        ("stop", (0, 0, 0, 0)),
-        ("1 20000, 2 15000", (20000, 15000, 0, 0)),
-        ("18000", (18000, 18000, 0, 0)),
-    ]:
-        pilot.type(f"{line}\n")
-        pilot.wait_until(partial(motors_are, bench, motors), line)
-    pilot.type("q\n")
-    assert pilot.end() == 0
-    assert not any(bench.motors)
 
 
 def test_the_console_obeys_keys_at_a_terminal_and_space_stops_at_once(bench: Bench) -> None:

@@ -4,22 +4,19 @@ import json
 import struct
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import partial
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pytest
 
 from cfid.errors import ConfigError, DeviceError, StopError
 from cfid.motors.plan import StaircasePlan
-from cfid.rig.instrument import Instrument
 from cfid.rig.motor_commands import hold
 from cfid.rig.motors import Limits
 from cfid.rig.stop import MAY_BE_RUNNING
 from cfid.sim.crazyflie_services import parameters
 from cfid.sim.supervisor import SupervisorState
-from cfid.units import MOTORS
 from cfid.wire.app import SineRequest, omega_of
 from cfid.wire.crtp import LOG_CONTROL_CHANNEL, LOG_DATA_CHANNEL, LOG_PORT, RESET_LOG, LogCommand, Packet
 from cfid.wire.supervisor import SUPERVISOR_PORT, encode_arming
@@ -27,7 +24,6 @@ from tests.rig.flying import ALL, Flight, facts, flight_in, states
 from tests.virtual_bench import Bench, bench_in
 
 SETPOINT = Packet(3, 0, bytes(14))  # the stock library sends this when it closes
-DISARM = encode_arming(arm=False, protocol=12)
 KINDS = pytest.mark.parametrize("firmware", ["app", "stock"])
 BOTH = pytest.mark.parametrize("platform", ["cf2", "cf21bl"])
 LONGEST_STOP_S = 0.7
@@ -49,24 +45,6 @@ def turned(bench: Bench) -> bool:
 
 
 # Limits
-
-
-@pytest.mark.parametrize(
-    ("idle_thrust", "throttle_at_idle"), [(7000, 171), (7008, 172), (5000, 109), (2000, 15), (1536, 1)]
-)
-def test_the_slowest_command_is_half_the_throttle_of_idle(idle_thrust: int, throttle_at_idle: int) -> None:
-    slowest = Limits(idle_thrust=idle_thrust).slowest_command(MOTORS)
-    assert 2 * ((slowest >> 5) - 47) >= throttle_at_idle > 2 * ((slowest - 1 >> 5) - 47)
-
-
-@pytest.mark.parametrize(
-    ("idle_thrust", "motors", "slowest"),
-    [(0, MOTORS, 0), (32, MOTORS, 33), (1535, MOTORS, 1536), (7000, (1, 3), 7001)],
-)
-def test_beside_motors_at_zero_or_where_idle_turns_nothing_a_command_is_above_idle(
-    idle_thrust: int, motors: tuple[int, ...], slowest: int
-) -> None:
-    assert Limits(idle_thrust=idle_thrust).slowest_command(motors) == slowest
 
 
 @pytest.mark.parametrize(("motor", "amplitude"), [(0, 25745), (1, 23000)])
@@ -113,64 +91,49 @@ def test_a_sine_beyond_the_limit_never_leaves(tmp_path: Path) -> None:
     assert not turned(flight)
 
 
-@pytest.mark.parametrize(
-    "request_",
-    [
-        *(SineRequest(1, 20000, 0.1, samples) for samples in (0, 1000)),
-        SineRequest(1, 20000, float("nan"), 100),
-        SineRequest(7, 20000, omega_of(3, 100), 100),
-    ],
-)
-def test_what_the_app_refuses_turns_no_motor(tmp_path: Path, request_: SineRequest) -> None:
-    with flight_in(tmp_path) as flight:
-        _, failure = flight.record([flight.ready.crossings()], flight.playing(request_))
-    assert isinstance(failure, DeviceError)
-    assert not turned(flight)
-
-
 # Ways out: the motors are off 0.7 s later (tests/rig/test_motor_commands.py has those that commands see)
 
 
-@pytest.mark.parametrize(
-    ("fault", "own_delay_s"), [("tumble_after_s", 0.3), ("emergency_after_s", 0.0), ("reboot_after_s", 0.0)]
-)
-@pytest.mark.parametrize("is_sine", [False, True])
-def test_with_the_app_every_fault_of_the_vehicle_stops_the_motors(
-    tmp_path: Path, fault: str, own_delay_s: float, is_sine: bool
-) -> None:
-    """A fault counts as one after a delay of its own."""
-    with flight_in(tmp_path) as flight:
-        flight.hardware.at(BEGUN_S, partial(flight.vehicle_suffers, **{fault: 0}))
-        began_s = flight.hardware.seconds() + BEGUN_S
-        driven: Instrument
-        if is_sine:
-            driven, procedure = (
-                flight.ready.crossings(),
-                flight.playing(SineRequest(1, 20000, omega_of(5, 5000), 5000)),
-            )
-        else:
-            driven, procedure = flight.ready.commands(), flight.holding(30000, (1, 2), for_s=20.0)
-        run, failure = flight.record([driven, flight.ready.usual_log()], procedure)
-        flight.go_on(1.0)
-    assert isinstance(failure, DeviceError)
-    assert flight.stopped_after(began_s + own_delay_s) < LONGEST_STOP_S
-    assert run.header.state == "failed"
+def silence(flight: Flight) -> None:
+    """Lose all of the supervisor's answers from now on."""
+    flight.disturb(arriving=lambda packet: [] if packet[:2] == (SUPERVISOR_PORT, 0) else [packet])
+
+
+class Fault(NamedTuple):
+    """What happens while motors run, a word of the failure, the supervisor's last state, and its own delay."""
+
+    act: Callable[[Flight], object]
+    told: str
+    state: str = "flying"
+    own_delay_s: float = 0.0
+
+
+FAULTS = {
+    "tumble": Fault(lambda flight: flight.vehicle_suffers(tumble_after_s=0), "is crashed", "crashed", 0.3),
+    "emergency stop": Fault(lambda flight: flight.vehicle_suffers(emergency_after_s=0), "is locked", "locked"),
+    "restart": Fault(lambda flight: flight.vehicle_suffers(reboot_after_s=0), "", "ready"),
+    "state not reported": Fault(silence, "not reported its state", own_delay_s=1.0),
+    "log reset by another program": Fault(
+        lambda flight: flight.send(Packet(LOG_PORT, LOG_CONTROL_CHANNEL, RESET_LOG)), "not monitored", own_delay_s=0.5
+    ),
+}
 
 
 @KINDS
-@pytest.mark.parametrize("raised", [ValueError("a bug"), DeviceError("the load cell is lost")])
-def test_whatever_a_procedure_raises_the_motors_stop(tmp_path: Path, firmware: str, raised: Exception) -> None:
+@pytest.mark.parametrize("name", FAULTS)
+def test_every_fault_of_the_vehicle_stops_the_motors_and_is_named(tmp_path: Path, firmware: str, name: str) -> None:
+    fault = FAULTS[name]
     with flight_in(tmp_path, crazyflie={"firmware": firmware}) as flight:
-        began_s: list[float] = []
-
-        async def fail(there: Any) -> None:
-            await hold(there["commands"], 30000, (1, 2), for_s=1.0, hardware=flight.hardware)
-            began_s.append(flight.hardware.seconds())
-            raise raised
-
-        _, failure = flight.record([flight.ready.commands()], fail)
-    assert failure is raised
-    assert flight.stopped_after(began_s[0]) < LONGEST_STOP_S
+        flight.hardware.at(BEGUN_S, fault.act, flight)
+        began_s = flight.hardware.seconds() + BEGUN_S
+        watched = [flight.ready.commands(), *flight.ready.watch()]
+        run, failure = flight.record(watched, flight.holding(20000, for_s=20.0))
+        flight.go_on(1.0)
+    assert isinstance(failure, DeviceError)
+    assert fault.told in str(failure)
+    assert flight.stopped_after(began_s + fault.own_delay_s) < LONGEST_STOP_S
+    assert run.header.state == "failed"
+    assert states(run)[-1] == fault.state
 
 
 @pytest.mark.parametrize(
@@ -195,7 +158,7 @@ def test_a_program_that_stands_still_does_not_take_that_for_the_vehicles_silence
 # The supervisor
 
 
-@pytest.mark.parametrize("time_constant_s", [0.02, 0.1, 0.3])
+@pytest.mark.parametrize("time_constant_s", [0.02, 0.3])
 def test_pauses_of_a_staircase_lock_no_brushless_vehicle_which_is_left_as_it_was_found(
     tmp_path: Path, time_constant_s: float
 ) -> None:
@@ -215,20 +178,6 @@ def test_pauses_of_a_staircase_lock_no_brushless_vehicle_which_is_left_as_it_was
         assert state_of(flight) is SupervisorState.READY
 
 
-def test_a_sine_on_one_motor_leaves_the_others_of_a_brushless_vehicle_idling(tmp_path: Path) -> None:
-    with flight_in(tmp_path, crazyflie={"platform": "cf21bl"}, rotors={"time_constant_s": 0.3}) as flight:
-        run, failure = flight.record(
-            [flight.ready.crossings(), flight.ready.supervisor_log()],
-            flight.playing(SineRequest(1, 20000, omega_of(4, 500), 500)),
-        )
-        flight.go_on(4.0)
-    assert failure is None
-    assert {motors[1:] for _, motors in flight.history} == {(0, 0, 0), (7000, 7000, 7000)}
-    assert max(motors[0] for _, motors in flight.history) == 50000
-    assert flight.motors == (0, 0, 0, 0)
-    assert "locked" not in states(run)
-
-
 def test_a_brushless_vehicle_whose_rotor_is_blocked_is_reported_and_left_disarmed(tmp_path: Path) -> None:
     with flight_in(tmp_path, crazyflie={"platform": "cf21bl", "stall_rpm": 4000.0}) as flight:
         _, failure = flight.hold()
@@ -239,7 +188,7 @@ def test_a_brushless_vehicle_whose_rotor_is_blocked_is_reported_and_left_disarme
         assert state_of(flight) is SupervisorState.PASSED
 
 
-@pytest.mark.parametrize(("platform", "after_s"), [("cf2", 2.5), ("cf21bl", 0.2), ("cf21bl", 1.0), ("cf21bl", 2.5)])
+@pytest.mark.parametrize(("platform", "after_s"), [("cf2", 2.5), ("cf21bl", 0.2), ("cf21bl", 2.5)])
 def test_a_setpoint_that_a_closing_client_leaves_locks_nothing_with_the_app(
     tmp_path: Path, platform: str, after_s: float
 ) -> None:
@@ -252,36 +201,7 @@ def test_a_setpoint_that_a_closing_client_leaves_locks_nothing_with_the_app(
         assert state_of(flight) in (SupervisorState.READY, SupervisorState.PASSED)
 
 
-@KINDS
-def test_a_setpoint_left_by_an_earlier_client_locks_nothing(tmp_path: Path, firmware: str) -> None:
-    with flight_in(tmp_path, crazyflie={"firmware": firmware}) as flight:
-        flight.send(SETPOINT)
-        flight.go_on(4.0)
-        run, failure = flight.hold(for_s=4.0)
-        flight.go_on(6.0)
-        assert failure is None
-        assert "locked" not in states(run)
-        assert state_of(flight) is SupervisorState.READY
-
-
-@KINDS
-@pytest.mark.parametrize(("fault", "name"), [("tumble_after_s", "crashed"), ("emergency_after_s", "locked")])
-def test_a_state_in_which_motors_may_not_run_fails_the_run_by_its_name(
-    tmp_path: Path, firmware: str, fault: str, name: str
-) -> None:
-    with flight_in(tmp_path, crazyflie={"firmware": firmware}) as flight:
-        flight.hardware.at(1.0, partial(flight.vehicle_suffers, **{fault: 0}))
-        began_s = flight.hardware.seconds() + 1.0
-        run, failure = flight.hold(for_s=10.0)
-    assert isinstance(failure, DeviceError)
-    assert f"is {name}" in str(failure)
-    assert run.header.state == "failed"
-    assert states(run)[-1] == name
-    assert facts(run, "supervisor") | {"state_before": "ready", "state_after": name} == facts(run, "supervisor")
-    assert flight.stopped_after(began_s) < 1.0
-
-
-@pytest.mark.parametrize("late_s", [29.8, 30.1, 30.2, 30.3])
+@pytest.mark.parametrize("late_s", [30.1, 30.3])
 def test_motors_wait_for_a_vehicle_that_is_away_for_a_moment(tmp_path: Path, late_s: float) -> None:
     """A vehicle that arms itself refuses thrust for 120 to 160 ms, 30 s after it became ready."""
     with flight_in(tmp_path) as flight:
@@ -290,7 +210,7 @@ def test_motors_wait_for_a_vehicle_that_is_away_for_a_moment(tmp_path: Path, lat
         assert turned(flight)
 
 
-@pytest.mark.parametrize("rest_s", [4.8, 4.94, 4.97, 5.0, 5.1])
+@pytest.mark.parametrize("rest_s", [4.94, 5.0])
 def test_a_pause_that_ends_when_the_vehicle_disarms_itself_takes_no_motors_back(tmp_path: Path, rest_s: float) -> None:
     """The vehicle lands 2 s after its motors stop and disarms itself 3 s later, just when the next step may begin."""
     stairs = StaircasePlan(steps=(10000, 20000), motors=ALL, hold_s=0.5, rest_s=rest_s)
@@ -314,42 +234,12 @@ def test_older_firmware_is_armed_and_watched_by_its_own_ways(tmp_path: Path, pla
     assert not [packet for packet in sent if packet.port == SUPERVISOR_PORT]
 
 
-@KINDS
-def test_a_brushed_vehicle_that_was_disarmed_while_it_armed_itself_is_armed(tmp_path: Path, firmware: str) -> None:
-    with flight_in(tmp_path, crazyflie={"firmware": firmware}) as flight:
-        for _ in range(30):  # late or repeated requests: one of them meets the state in which the vehicle arms itself
-            flight.send(DISARM)
-            flight.go_on(0.01)
-        flight.go_on(2.0)
-        assert state_of(flight) is SupervisorState.PASSED
-        assert flight.hold()[1] is None
-        assert (20000,) * 4 in [motors for _, motors in flight.history]
-
-
 @BOTH
 def test_an_answer_to_arming_that_is_lost_leaves_no_vehicle_disarmed(tmp_path: Path, platform: str) -> None:
     with flight_in(tmp_path, crazyflie={"platform": platform}) as flight:
         flight.disturb(arriving=lambda packet: [] if packet[:2] == (SUPERVISOR_PORT, 1) else [packet])
         assert flight.hold()[1] is None
         assert (20000,) * 4 in [motors for _, motors in flight.history]
-
-
-def silenced(flight: Flight, port: int, channel: int, *, after_s: float) -> None:
-    """Lose all packets of a channel from some time on."""
-    from_s = flight.hardware.seconds() + after_s
-    flight.disturb(
-        arriving=lambda packet: [] if packet[:2] == (port, channel) and flight.hardware.seconds() > from_s else [packet]
-    )
-
-
-@KINDS
-def test_a_vehicle_that_ceases_to_report_its_state_fails_the_run(tmp_path: Path, firmware: str) -> None:
-    with flight_in(tmp_path, crazyflie={"firmware": firmware}) as flight:
-        silenced(flight, SUPERVISOR_PORT, 0, after_s=1.0)
-        began_s = flight.hardware.seconds() + 1.0
-        _, failure = flight.hold(for_s=6.0)
-    assert "not reported its state" in str(failure)
-    assert flight.stopped_after(began_s + 1.0) < LONGEST_STOP_S
 
 
 # Stops that are confirmed
@@ -389,22 +279,12 @@ def test_a_run_states_how_long_its_stop_took_and_one_that_is_answered_late_is_co
     assert late_s < facts(run, "commands")["stopped_in_s"] < at_most_s
 
 
-def test_a_stop_that_is_answered_and_not_obeyed_is_confirmed_once_the_motors_stand(tmp_path: Path) -> None:
-    """The app itself stops the motors half a second after the last keep-alive, and only then answers zeros."""
-    with flight_in(tmp_path, faults={"stop_ignored": True}) as flight:
-        run, failure = flight.hold()
-        assert failure is None
-        assert not any(flight.motors)
-        assert flight.hardware.seconds() >= flight.history[-1][0]
-    assert facts(run, "commands")["stopped_in_s"] > 0.35
-
-
 def test_rotors_that_may_idle_on_are_named_where_nobody_saw_them_disarmed(tmp_path: Path) -> None:
     with flight_in(tmp_path, crazyflie={"platform": "cf21bl"}) as flight:
 
         async def unreported(there: Any) -> None:
             await hold(there["commands"], 20000, ALL, for_s=0.5, hardware=flight.hardware)
-            silenced(flight, SUPERVISOR_PORT, 0, after_s=0.0)
+            silence(flight)
 
         _, failure = flight.record([flight.ready.commands()], unreported)
     assert isinstance(failure, StopError)
@@ -443,13 +323,6 @@ def test_a_log_that_says_nothing_confirms_no_stop(tmp_path: Path, firmware: str,
 # Others who drive
 
 
-def test_a_vehicle_that_somebody_disarms_in_a_run_is_named_so(tmp_path: Path) -> None:
-    with flight_in(tmp_path, crazyflie={"platform": "cf21bl"}) as flight:
-        flight.hardware.at(2.0, flight.send, DISARM)
-        _, failure = flight.hold(for_s=6.0)
-    assert "stopped its motors: it is " in str(failure)
-
-
 def other_owner(flight: Flight, number: int = 0) -> None:
     flight.send(Packet(12, 2, number.to_bytes(4, "little") + b"\x99\x00\x00\x00"))
     flight.hardware.at(0.1, other_owner, flight, number + 1)
@@ -463,15 +336,6 @@ def test_a_program_that_drives_the_motors_keeps_a_second_one_out(tmp_path: Path)
     assert "another program drives the motors" in str(failure)
     assert "stopped_in_s" not in facts(run, "commands")  # the other's motors keep running
     assert not turned(flight)
-
-
-def test_answers_to_another_programs_keep_alives_end_no_run(tmp_path: Path) -> None:
-    with flight_in(tmp_path) as flight:
-        flight.hardware.at(0.8, other_owner, flight)
-        _, failure = flight.hold(for_s=2.0)
-    began_s = next(time_s for time_s, motors in flight.history if any(motors))
-    assert failure is None
-    assert flight.history[-1][0] - began_s == pytest.approx(2.0, abs=0.2)
 
 
 VEHICLES: dict[str, dict[str, Any]] = {
@@ -551,7 +415,7 @@ def test_a_command_whose_motors_another_client_drives_does_not_confirm_their_sto
         assert "motors stopped" not in pilot.out
 
 
-@pytest.mark.parametrize("later_s", [0.0, 0.003, 0.006, 0.009, 0.012, 0.015, 0.018])
+@pytest.mark.parametrize("later_s", [0.0, 0.009])
 def test_pulses_between_two_null_setpoints_of_the_app_are_motors_that_run(tmp_path: Path, later_s: float) -> None:
     """On real firmware, 11 of 20 stops were confirmed beside setpoints every 0.1 s, 8 ms before the null setpoints."""
     with bench_in(tmp_path) as bench:
@@ -637,16 +501,6 @@ def test_overriding_parameters_end_a_command_that_drives_the_motors(
         assert not any(bench.motors)
 
 
-@EACH
-def test_a_vehicle_whose_motors_just_stopped_is_ready_once_it_has_landed(tmp_path: Path, vehicle: str) -> None:
-    """It counts as flying for two seconds more, which version 0.2 called ok."""
-    with bench_in(tmp_path, crazyflie=VEHICLES[vehicle]) as bench:
-        assert bench.start(*HOLD, 0.5).end() == 0
-        answer = supervisor_line(bench)
-        assert answer["state"] == "ok"
-        assert answer["answer"] != "flying"
-
-
 @contextmanager
 def other_ports(folder: Path) -> Iterator[Bench]:
     """Open a bench whose rig.toml states other ports than the vehicle's app has, on which somebody drives motor 2."""
@@ -658,16 +512,7 @@ def other_ports(folder: Path) -> Iterator[Bench]:
         yield bench
 
 
-def test_motors_that_an_app_on_other_ports_drives_once_are_stopped_too(tmp_path: Path) -> None:
-    with other_ports(tmp_path) as bench:
-        bench.hardware.pause(0.01)
-        assert bench.motors[1] == 30000
-        bench.send_often(0.05, ALIVE)
-        assert bench.start("motors", "stop").end() == 0
-        assert not any(bench.motors)
-
-
-@pytest.mark.parametrize("lost", [0, 1, 2])
+@pytest.mark.parametrize("lost", [0, 2])
 def test_a_motor_that_an_app_on_other_ports_drives_is_seen_whichever_deletion_is_lost(
     tmp_path: Path, lost: int
 ) -> None:
@@ -686,14 +531,3 @@ def test_a_motor_that_an_app_on_other_ports_drives_is_seen_whichever_deletion_is
         assert MAY_BE_RUNNING in stop.err
         assert "30000" in stop.err
         assert bench.motors[1] == 30000
-
-
-def test_a_vehicle_whose_log_was_reset_by_another_program_is_not_left_unwatched(tmp_path: Path) -> None:
-    with bench_in(tmp_path) as bench:
-        pilot = bench.start(*HOLD, 60)
-        pilot.wait_until_motors_run()
-        began_s = bench.hardware.seconds()
-        bench.send(Packet(LOG_PORT, LOG_CONTROL_CHANNEL, RESET_LOG))
-        assert pilot.end() == 3
-        assert "not monitored" in pilot.err
-        assert bench.stopped_after(began_s + 0.5) < LONGEST_STOP_S

@@ -2,7 +2,6 @@
 
 import json
 import math
-import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ import pytest
 
 from cfid.recordings.vehicle import read_rows
 from cfid.records.files import RIG_FILE
-from cfid.records.run import Run, list_runs, read_run
+from cfid.records.run import Run
 from cfid.sim.faults import SOUND_ENCODER, FaultySerial
 from cfid.sim.propulsion import Four
 from tests.virtual_bench import Bench, Pilot, bench_in
@@ -66,11 +65,6 @@ def stopped(run: Run) -> bool:
     return (run.header.devices["commands"].model_extra or {}).get("stopped_in_s") is not None
 
 
-def is_usable(run: Run) -> bool:
-    assert run.header.verdict is not None
-    return run.header.verdict.usable
-
-
 # A script
 
 
@@ -94,31 +88,6 @@ def test_a_script_types_readings_and_takes_them_back(
     assert 2 * on_disk.withdrawn.sum() == len(on_disk) - len(expected)  # one taken back is two rows
 
 
-@pytest.mark.parametrize(
-    ("kind", "steps", "typed"),
-    [
-        ("speed", TYPED, "11500\n15300\n999999999\n"),
-        ("scales", TYPED, "30\n25\n77777\n"),
-        ("speed", ("--from", 0, "--to", 40000, "--step", 20000, *TYPED[6:]), "7290\n11500\n19000\n"),
-    ],
-)
-def test_an_implausible_reading_of_a_script_is_kept_and_its_run_is_not_usable(
-    bench: Bench, kind: str, steps: tuple[object, ...], typed: str
-) -> None:
-    pilot = bench.start("log", kind, *steps, typed=typed)
-    assert pilot.end() == 0, pilot.err
-    assert len(readings(bench.run())) == 3
-    assert not is_usable(bench.run())
-
-
-@pytest.mark.parametrize("typed", ["12000\nfast\n", "12000\n"])
-def test_a_script_that_types_nonsense_or_ends_early_stops_the_motors(bench: Bench, typed: str) -> None:
-    assert bench.start("log", "speed", *TYPED, typed=typed).end() == 2
-    assert not any(bench.motors)
-    run = bench.run()
-    assert (run.header.state, stopped(run), readings(run)) == ("failed", True, [[20000, 12000]])
-
-
 # A terminal
 
 
@@ -134,20 +103,6 @@ def test_the_last_reading_is_taken_back_before_the_recording_ends(bench: Bench, 
     assert [value for _, value in readings(bench.run())] == [11500, 15300, 19000]
     assert held(bench.run()) == [0, 20000, 0, 30000, 0, 40000, 0, 40000, 0]
     assert bench.run().header.state == "complete"
-
-
-@pytest.mark.parametrize("rest_s", [0.1, 2])
-def test_ctrl_c_where_all_is_read_ends_a_recording_as_enter_does(bench: Bench, rest_s: float) -> None:
-    terminal = Terminal(bench, "log", "speed", *TYPED[:9], rest_s, "--yes")
-    terminal.read(*SPEEDS)
-    if rest_s > 1:
-        terminal.pilot.wait_until(lambda: not any(bench.motors), "the pause after the last reading")
-    else:
-        terminal.wait_for("Enter ends")
-    terminal.pilot.request_end()
-    assert terminal.pilot.end() == 0
-    assert bench.run().header.state == "complete"
-    assert len(readings(bench.run())) == 3
 
 
 def test_an_implausible_reading_counts_once_it_is_typed_twice(bench: Bench) -> None:
@@ -186,7 +141,6 @@ def test_input_that_ends_at_a_reading_stops_the_motors(bench: Bench, ended: str)
 HOLD_S, WAIT_S = 0.4, 2.0
 TIMES = ("--hold", HOLD_S, "--rest", 0.2, "--wait", WAIT_S, "--yes")
 STAIRS = ("--from", 20000, "--to", 30000, "--step", 10000, "--motor", 1, *TIMES)
-WIND = ("--angle", 48, "--wind", "2,3", "--fan-voltage", 8, "--commands", "20000,30000", *TIMES)
 
 
 def wait_for_pause(bench: Bench, pilot: Pilot) -> None:
@@ -219,41 +173,6 @@ def test_motors_pause_where_nobody_answers_and_the_reading_is_asked_again(bench:
     assert readings(bench.run()) == [[20000, 11500], [30000, 15300]]
     assert bench.run().header.requested["wait_s"] == WAIT_S
     check_times(bench.run())
-
-
-@pytest.mark.parametrize(
-    ("kind", "options", "values"), [("scales", STAIRS, (25.0, 20.0)), ("wind", WIND, (11500.0, 15300.0))]
-)
-def test_a_line_that_a_script_writes_in_the_pause_resumes_and_is_no_reading(
-    bench: Bench, kind: str, options: tuple[object, ...], values: tuple[float, float]
-) -> None:
-    pilot = bench.start("log", kind, *options, script=True)
-    wait_for_pause(bench, pilot)
-    pilot.type(f"99\n{values[0]:g}\n{values[1]:g}\n")
-    assert pilot.keyboard is not None
-    pilot.keyboard.hang_up()
-    assert pilot.end() == 0, pilot.err
-    assert readings(bench.run()) == [[20000, values[0]], [30000, values[1]]]
-    check_times(bench.run())
-
-
-@pytest.mark.parametrize(
-    ("typed", "left"), [("12000\n", "2 commands from 30000 to 40000"), ("12000\nu\n", "3 commands from 20000 to 40000")]
-)
-def test_a_reading_that_was_not_typed_or_was_taken_back_is_asked_for_again(bench: Bench, typed: str, left: str) -> None:
-    pilot = bench.start("log", "speed", *TYPED, script=True)
-    pilot.type(typed)
-    pilot.wait_until(lambda: bench.motors[0] == 30000, "the second step")
-    pilot.go_on_for(0.6)
-    pilot.request_end()
-    assert pilot.end() == 0
-    named = re.search(r"`cfid (log speed --resume \S+)`", " ".join(pilot.out.split()))
-    assert named is not None
-    again = bench.start(*named[1].split(), "--dry-run")
-    assert again.end() == 0, again.err
-    assert again.out.startswith(left)
-    other = bench.start("log", "thrust", "--resume", bench.run().folder, "--dry-run")
-    assert other.end() == 2
 
 
 # Devices that show speed or weight
@@ -298,16 +217,6 @@ def test_a_speed_map_is_fitted_to_what_a_tachometer_sent_by_its_own_markers(benc
     assert offset == pytest.approx(IDLE_RAD_PER_S, rel=1e-3)
 
 
-@pytest.mark.parametrize("share", [0.5, 4.0])
-def test_speeds_that_the_fit_rejects_are_of_no_use_at_once(bench: Bench, share: float) -> None:
-    state(bench, "tachometer", "rpm", lambda motors: f"{share * rpm(motors):.1f}", "markers = 1")
-    short = ("--from", 20000, "--to", 40000, "--step", 20000, "--hold", 1, "--rest", 0.5, "--yes")
-    pilot = bench.start("log", "speed", "--tachometer", "lines", *short)
-    assert pilot.end() == 0, pilot.err
-    assert not is_usable(bench.run())
-    assert bench.start("fit", "speed", bench.run().folder, "--no-figures").end() == 5
-
-
 @pytest.mark.parametrize(("name", "value", "command"), [("tachometer", "rpm", "speed"), ("scales", "grams", "scales")])
 def test_a_plug_that_is_pulled_while_motors_run_stops_them_and_fails_the_run(
     bench: Bench, name: str, value: str, command: str
@@ -332,55 +241,9 @@ def test_no_motor_starts_before_a_line_of_the_tachometer_matches(bench: Bench) -
     assert "devices.tachometer" in pilot.err
 
 
-def test_a_first_line_that_comes_late_delays_the_staircase_and_costs_no_step(bench: Bench) -> None:
-    ready_s = bench.hardware.seconds() + 2.5
-    state(
-        bench,
-        "tachometer",
-        "rpm",
-        lambda motors: f"{rpm(motors):.1f}" if bench.hardware.seconds() > ready_s else "starting",
-        "markers = 1",
-    )
-    pilot = bench.start("log", "speed", "--tachometer", "lines", *STAIRCASE)
-    assert pilot.end() == 0, pilot.err
-    commands, shown = (pd.read_csv(bench.run().device_file(name)) for name in ("commands", "tachometer"))
-    assert shown.t.iloc[0] < commands.t[commands.m1 > 0].iloc[0]
-    assert sorted(set(commands.m1)) == [0, 20000, 30000, 40000, 50000]
-
-
 def thrust_n(command: int) -> float:
     return 1.8e-8 * (IDLE_RAD_PER_S + RAD_PER_S_PER_COMMAND * command) ** 2 if command else 0.0
 
 
 def grams(motors: Four) -> float:
     return 50 - 1e3 * sum(map(thrust_n, motors)) / 9.81
-
-
-def test_a_thrust_map_is_verified_by_what_scales_sent_as_lines(bench: Bench) -> None:
-    rows = [f"{command},{thrust_n(command):.6f}" for command in range(16000, 60000, 4000)]
-    (bench.folder / "forces.csv").write_text("\n".join(["cmd,thrust_n", "0,0", *rows]) + "\n")
-    state(bench, "scales", "grams", lambda motors: f"{grams(motors):.1f}")
-    pilot = bench.start("log", "scales", *STAIRCASE)
-    assert pilot.end() == 0, pilot.err
-    assert is_usable(bench.run())
-    fit = bench.start("fit", "thrust", "forces.csv", "--verify", bench.run().folder, "--no-figures")
-    assert fit.end() == 0, fit.err
-    ((count, most_mn),) = re.findall(r"verification: (\d+) readings, .* at most ([0-9.]+) mN from the map", fit.out)
-    assert int(count) == 9
-    assert float(most_mn) < 1
-
-
-def test_scales_at_a_port_are_resumed_at_it(bench: Bench) -> None:
-    port = serve(bench, "scales", lambda motors: f"ST,GS,{grams(motors):+08.2f} g")
-    steps = ("--from", 0, "--to", 40000, "--step", 20000, "--hold", 1.5, "--rest", 0.8)
-    pilot = bench.start("log", "scales", "--port", port, "--baud", 19200, *steps, "--yes")
-    pilot.wait_until(lambda: bench.motors[0] == 40000, "the last step")
-    pilot.request_end()
-    assert pilot.end() == 0, pilot.err
-    again = bench.start("log", "scales", "--resume", bench.run().folder, "--yes")
-    assert again.end() == 0, again.err
-    first, second = (read_run(run.folder) for run in list_runs(bench.folder / "runs") if isinstance(run, Run))
-    assert second.header.requested["steps"] == [40000]
-    said = [run.header.devices["scales"].model_extra or {} for run in (first, second)]
-    assert [(facts["port"], facts["baud"]) for facts in said] == [(port, 19200)] * 2
-    assert is_usable(second)

@@ -102,17 +102,6 @@ def counts_of(run: Run, name: str) -> list[int]:
 WHOLE_LIFE = ["start", "take", "stop", "stopped", "take", "close"]
 
 
-def test_all_start_before_any_is_taken_from_and_each_stops_before_the_next(desk: Desk) -> None:
-    desk.record(desk.counter("a"), desk.counter("b"))
-
-    assert desk.calls[:4] == ["a.start", "b.start", "a.take", "b.take"]
-    assert desk.calls[-8:] == [
-        *("a.stop", "a.stopped", "a.take", "a.close"),
-        *("b.stop", "b.stopped", "b.take", "b.close"),
-    ]
-    assert desk.of("a") == desk.of("b") == WHOLE_LIFE
-
-
 def test_ten_devices_at_once_keep_all_their_rows_losses_and_facts(desk: Desk) -> None:
     names = [f"device-{number}" for number in range(10)]
     run, error, _ = desk.record(*(desk.counter(name) for name in names), for_s=2.0)
@@ -258,13 +247,3 @@ def test_progress_tells_the_rate_of_lately_and_the_latest_values_in_bounded_memo
     assert (progress.rows, progress.lost) == (50 * 10 + 2950 * 50, 6000)
     assert progress.latest == (2999.0,)
     assert max(len(progress.trace), len(progress._blocks)) < 100
-
-
-def test_progress_of_a_silent_instrument_falls_to_zero_and_keeps_the_last_values() -> None:
-    progress = Progress()
-    progress.add(Block((np.arange(3), np.arange(3))), now_s=0)
-    for number in range(1, 30):
-        progress.add(Block((np.empty(0), np.empty(0))), now_s=0.05 * number)
-
-    assert progress.rate_hz == 0
-    assert progress.latest == (2.0,)

@@ -125,28 +125,6 @@ def test_a_program_that_goes_on_cannot_keep_the_motors_on(tmp_path: Path, firmwa
         assert not any(bench.motors)
 
 
-@KINDS
-def test_a_staircase_that_was_stopped_from_beside_turns_no_motor_again(tmp_path: Path, firmware: str) -> None:
-    words = ("--from", 20000, "--to", 30000, "--step", 5000, "--hold", 1, "--rest", 0.5, "--yes")
-    with bench_in(tmp_path, crazyflie={"firmware": firmware}) as bench:
-        pilot = bench.start("log", "thrust", *words)
-        pilot.wait_until_motors_run()
-        assert bench.start("motors", "stop").end() == 0
-        stopped_s = bench.history[-1][0]
-        assert pilot.end() == 3
-        bench.hardware.pause(AFTERWARDS_S)
-        assert bench.history[-1] == (stopped_s, (0, 0, 0, 0))
-
-
-def test_a_stop_needs_no_campaign_where_the_address_is_given(tmp_path: Path) -> None:
-    with bench_in(tmp_path) as bench:
-        (bench.folder / RIG_FILE).write_text("nonsense")
-        stop = bench.start("motors", "stop", "--uri", bench.uri)
-        assert stop.end() == 0, stop.err
-        assert "confirmed" in stop.out
-        assert RIG_FILE in stop.err
-
-
 def test_where_no_second_link_opens_the_whole_one_carries_the_stop(tmp_path: Path) -> None:
     with bench_in(tmp_path, crazyflie={"firmware": "stock"}) as bench, DeviceLock(bench.uri):  # by this process
         link = bench.hardware.link(bench.uri)
@@ -194,33 +172,6 @@ def test_a_crashed_vehicle_is_recovered_once_it_is_upright(tmp_path: Path, firmw
         assert not any(bench.motors)
         again = bench.start("motors", "set", 20000, "--for", 0.3, "--yes")
         assert again.end() == 0, again.err
-
-
-def test_a_recovery_turns_no_motor_that_was_left_on(tmp_path: Path) -> None:
-    """Stock firmware obeys motorPowerSet also while it is crashed, so that its motors run on."""
-    with bench_in(tmp_path, crazyflie={"firmware": "stock"}) as bench:
-        link = bench.hardware.link(bench.uri)
-        drive(link)
-        wait_for(bench, SupervisorState.FLYING)
-        bench.vehicle_suffers(tumble_after_s=0)
-        wait_for(bench, SupervisorState.CRASHED)
-        bench.vehicle_suffers()
-        assert any(bench.motors)
-        code, err = recover(bench)
-        assert code == 0, err
-        wait_for(bench, SupervisorState.READY)
-        assert not any(bench.motors)
-
-
-@pytest.mark.parametrize("state", [SupervisorState.LOCKED, SupervisorState.READY])
-def test_a_vehicle_that_did_not_crash_stays_as_it_is(tmp_path: Path, state: SupervisorState) -> None:
-    with bench_in(tmp_path) as bench:
-        bench.vehicle_suffers(emergency_after_s=None if state is SupervisorState.READY else 0)
-        wait_for(bench, state)
-        code, err = recover(bench)
-        assert code == (0 if state is SupervisorState.READY else 3)
-        assert ("turn it off and on" in " ".join(err.split())) == (code == 3)
-        wait_for(bench, state)
 
 
 @pytest.mark.parametrize("words", [("motors", "recover"), ("log", "ping"), HOLD])
@@ -363,15 +314,6 @@ def test_a_suspended_process_gives_its_radio_back_or_is_killed(
     assert stopped.kind == "stock"
     assert not any(served.motors)
     assert ["is killed" in text for text in said] == [True] * (ended_by == signal.SIGKILL)
-
-
-def test_where_the_link_can_be_shared_nobody_is_killed_and_what_remains_is_told(served: ServedBench) -> None:
-    said: list[str] = []
-    with driving(served, "ignores") as driver:
-        stop_vehicle(served.uri, AppPorts(), Real(), say=said.append)
-        assert driver.poll() is None
-        assert [f"kill -KILL {driver.pid}" in text for text in said] == [True]
-    assert not any(served.motors)
 
 
 def test_a_radio_of_a_process_that_is_no_cfid_is_not_taken_from_it(served: ServedBench) -> None:

@@ -23,14 +23,12 @@ from cfid.latency.record import ping_often
 from cfid.motors.plan import StaircasePlan
 from cfid.recordings.angle import angle_record
 from cfid.recordings.vehicle import read_rows
-from cfid.rig.hardware import Real
 from cfid.rig.link import Link, open_link
 from cfid.rig.ready_vehicle import INERTIAL
 from cfid.rig.tables import connect
 from cfid.rig.vehicle import BATTERY
-from cfid.sim.propulsion import RotorTruth
 from cfid.wire.app import AppPorts, SineChannel, SineRequest, omega_of
-from cfid.wire.crtp import LOG_CONTROL_CHANNEL, LOG_PORT, LogCommand, Packet
+from cfid.wire.crtp import LogCommand, Packet
 from tests.flying_in_a_folder import bench_in as served_in
 from tests.lab import known
 from tests.rig.flying import Flight, Procedure, facts, flight_in, rows
@@ -39,12 +37,6 @@ from tests.virtual_bench import UNIX_S, Bench, bench_in
 KINDS = pytest.mark.parametrize("firmware", ["app", "stock"])
 RADIO = {"latency_s": 0.0285, "jitter_s": 0.008}  # table 3.2
 STAIRS = StaircasePlan(steps=(0, 10000, 20000), motors=(1, 3), hold_s=0.5, rest_s=0.3)
-CONTROL = (LOG_PORT, LOG_CONTROL_CHANNEL)
-CLOCKS = pytest.mark.parametrize("skew", [-1 / 85, 0.0])
-STILL: dict[str, Any] = {
-    "rotors": {"unbalance": (0.0,) * 6, "blade_pass": (0.0,) * 6},
-    "loadcell": {"noise_std": (0.0,) * 6, "drift_per_s": (0.0,) * 6},
-}
 
 
 def pinging(flight: Flight, count: int) -> Procedure:
@@ -102,7 +94,7 @@ def test_a_staircase_drives_the_motors_and_its_commands_are_recorded_as_they_lef
     assert (log[BATTERY] > 3).all()
 
 
-@pytest.mark.parametrize("periods", [0, 1, 7, 12, 63, 249, 250])
+@pytest.mark.parametrize("periods", [0, 7, 249, 250])
 def test_the_crossings_of_a_sine_are_those_of_equation_3_6(tmp_path: Path, periods: int) -> None:
     u = commanded(periods)
     with flight_in(tmp_path) as flight:
@@ -120,7 +112,7 @@ def test_the_crossings_of_a_sine_are_those_of_equation_3_6(tmp_path: Path, perio
     assert not driven[:, [0, 2, 3]].any()
 
 
-@pytest.mark.parametrize("lost", [(0,), (3, 4, 40), (81,), (7, 81)])
+@pytest.mark.parametrize("lost", [(0,), (3, 4, 40), (7, 81)])
 def test_reports_of_a_sine_that_the_link_lost_are_counted(tmp_path: Path, lost: tuple[int, ...]) -> None:
     """The last of the 82 reports is followed by none that would show that it is missing."""
     place = (AppPorts().sine, SineChannel.CROSSING)
@@ -133,7 +125,7 @@ def test_reports_of_a_sine_that_the_link_lost_are_counted(tmp_path: Path, lost: 
     assert run.header.devices["crossings"].lost == len(lost)
 
 
-@pytest.mark.parametrize("pause_s", [0.0, 0.3, 0.6, 0.9])
+@pytest.mark.parametrize("pause_s", [0.0, 0.6])
 def test_the_end_of_an_interrupted_sine_is_not_taken_for_that_of_the_next(tmp_path: Path, pause_s: float) -> None:
     with flight_in(tmp_path) as flight:
         flight.hardware.at(0.5, flight.hardware.request_end, "SIGTERM")
@@ -159,19 +151,9 @@ def test_round_trips_are_those_of_the_radio(tmp_path: Path, firmware: str) -> No
     assert rows(run, "pings").rtt_s.to_numpy() == pytest.approx(injected_s, abs=1e-6)
 
 
-def test_pings_that_get_no_answer_are_lost_and_the_next_is_sent(tmp_path: Path) -> None:
-    with flight_in(tmp_path, radio={"loss": 0.1}) as flight:
-        run, failure = flight.record([flight.ready.pings()], pinging(flight, 50))
-    lost = known(run.header.devices["pings"].lost)
-    assert failure is None
-    assert 0 < lost < 25
-    assert len(rows(run, "pings")) + lost == 50
-
-
 @KINDS
-@pytest.mark.parametrize("loss", [0.03, 0.1])
-def test_a_lossy_link_costs_repetitions_and_no_command(tmp_path: Path, firmware: str, loss: float) -> None:
-    with flight_in(tmp_path, crazyflie={"firmware": firmware}, radio={"loss": loss}) as flight:
+def test_a_lossy_link_costs_repetitions_and_no_command(tmp_path: Path, firmware: str) -> None:
+    with flight_in(tmp_path, crazyflie={"firmware": firmware}, radio={"loss": 0.1}) as flight:
         _, failure = flight.record([flight.ready.commands()], flight.climbing(STAIRS))
     assert failure is None
     assert {motors[0] for _, motors in flight.history} == {0, 10000, 20000}
@@ -181,7 +163,7 @@ def test_a_lossy_link_costs_repetitions_and_no_command(tmp_path: Path, firmware:
 # The vehicle's log
 
 
-@pytest.mark.parametrize("period_ms", [1, 10, 100])
+@pytest.mark.parametrize("period_ms", [1, 100])
 def test_the_log_keeps_its_period_and_counts_what_the_link_lost(tmp_path: Path, period_ms: int) -> None:
     with flight_in(tmp_path) as flight:
         flight.vehicle_suffers(drop_every=7)
@@ -219,15 +201,6 @@ def test_many_recordings_over_a_link_leave_no_block_behind(tmp_path: Path) -> No
             _, failure = flight.record([flight.ready.crossings(), *flight.ready.watch()], flight.playing(sine(5, 100)))
             assert failure is None
         assert [created(flight, number) for number in range(16)] == [0] * 16  # as many as a vehicle keeps
-
-
-def test_a_block_of_another_program_is_left_as_it_is(tmp_path: Path) -> None:
-    with flight_in(tmp_path) as flight:
-        taken = [number for number in range(126, 136) if created(flight, number) == 0]
-        run, failure = flight.record([flight.ready.usual_log()], waiting(flight, 0.3))
-        assert failure is None
-        assert len(rows(run, "crazyflie")) >= 15
-        assert [created(flight, number) for number in taken] == [17] * len(taken)
 
 
 # Packets that are lost, repeated or changed on their way
@@ -317,29 +290,6 @@ def test_a_vehicle_that_does_not_answer_or_is_too_old_or_none_is_told(
         assert bench.hardware.seconds() < 6.0
 
 
-def test_a_link_that_loses_most_packets_is_named_as_the_cause(tmp_path: Path) -> None:
-    with bench_in(tmp_path, radio={"loss": 0.8}) as bench:
-        pilot = bench.start("motors", "set", 20000, "--yes")
-        assert pilot.end() == 3
-        assert "loses" in pilot.err
-        assert not any(motors != (0, 0, 0, 0) for _, motors in bench.history)
-
-
-@pytest.mark.parametrize(
-    ("uri", "word"),
-    [
-        ("udp://127.0.0.1:9", "no program listens"),
-        ("crazyflie", "not the address"),
-        ("radio:/0", "not the address"),
-        ("x", "not the address"),
-        ("radio://0/80/2M/E7E7E7E7E7", "radio"),
-    ],
-)
-def test_an_address_without_a_vehicle_is_told(uri: str, word: str) -> None:
-    with pytest.raises(DeviceError, match=word):
-        connect(uri, Real())
-
-
 # A vehicle in the swing, and its clock
 
 
@@ -358,52 +308,6 @@ def test_a_vehicle_in_the_swing_gives_its_axis_and_its_motors_never_turn(tmp_pat
     assert 0.2 < np.abs(found.angle_rad).max() < 1.4
 
 
-def test_a_log_over_a_slow_radio_counts_what_it_loses_at_the_period_that_was_asked_for(tmp_path: Path) -> None:
-    with bench_in(tmp_path, hung_on="x", radio={"packets_per_s": 400}) as bench:
-        lost: dict[int, float] = {}
-        for period_ms in (1, 10):
-            pilot = bench.start("log", "gyro", "--axis", "x", "--for", 1, "--log-ms", period_ms, "--json")
-            assert pilot.end() == 0, pilot.err
-            device = json.loads(pilot.out)["devices"]["crazyflie"]
-            lost[period_ms] = device["lost"] / (device["rows"] + device["lost"])
-    assert lost[1] > 0.5
-    assert lost[10] < 0.01
-
-
-@CLOCKS
-def test_pings_give_the_rate_of_either_clock(tmp_path: Path, skew: float) -> None:
-    """The vehicle's microseconds are 84/85 of real time in releases, and 1 after a mend."""
-    with bench_in(tmp_path, crazyflie={"clock_skew": skew}) as bench:
-        assert bench.start("log", "ping", "--count", 100, "--json").end() == 0
-        fit = bench.start("tf", "latency", "--json", "--no-figures")
-        assert fit.end() == 0, fit.err
-        found = json.loads(fit.out)["parameters"]["latency.clock_skew"]
-    assert found["value"] == pytest.approx(skew, abs=1e-3)
-    assert found["std"] < 1e-3
-
-
-@CLOCKS
-def test_sines_give_one_time_constant_by_either_clock(tmp_path: Path, skew: float) -> None:
-    with bench_in(tmp_path, crazyflie={"clock_skew": skew}, **STILL) as bench:
-        assert bench.start("log", "sine", "--l", "4,16", "--n", 1000, "--before", 0.4, "--yes").end() == 0
-        fit = bench.start("tf", "identify", "--settle-s", 0.4, "--json", "--no-figures")
-        assert fit.end() == 0, fit.err
-        found = json.loads(fit.out)
-    (series,) = found["quality"]["series"].values()
-    truth_s = RotorTruth().time_constant_s
-    assert found["parameters"]["tf.time_constant_s"]["value"] == pytest.approx(truth_s, rel=0.02)
-    assert series["clock_skew"] == pytest.approx([skew], abs=2e-3)
-
-
-@CLOCKS
-def test_a_log_is_timed_by_milliseconds_that_are_right_by_either_clock(tmp_path: Path, skew: float) -> None:
-    with flight_in(tmp_path, crazyflie={"clock_skew": skew}) as flight:
-        run, _ = flight.record([flight.ready.inertial_log(5)], waiting(flight, 5.0))
-    log = rows(run, "crazyflie")
-    assert len(log) == pytest.approx(1000, abs=10)
-    assert np.ptp(log.vehicle_ms) / 1000 == pytest.approx(np.ptp(log.t), abs=0.01)
-
-
 # Threads of a real link
 
 
@@ -418,9 +322,7 @@ def test_a_link_that_closes_keeps_no_thread_and_sends_no_more(listener: str) -> 
     before = threading.active_count()
     link = open_link(listener)
     assert threading.active_count() > before
-    began_s = time.process_time()
     link.close()
-    assert time.process_time() - began_s < 0.1
     assert threading.active_count() == before
     with pytest.raises(DeviceError):
         link.send(Packet(15, 0, b""))

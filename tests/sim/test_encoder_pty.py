@@ -56,22 +56,6 @@ def test_a_host_asks_and_is_answered(plugged: _Plugged) -> None:
         assert _ask(port, b"?") == b"1303\r"
 
 
-def test_no_byte_is_changed_on_the_way(plugged: _Plugged) -> None:
-    with serial.Serial(plugged.open(), timeout=2) as port:
-        assert [_ask(port, bytes([byte])) for byte in b"\x03\x04\x11\x13\x1a\x7f"] == [b"Error\r"] * 6
-
-
-def test_positions_come_unasked_when_told_so(plugged: _Plugged) -> None:
-    with serial.Serial(plugged.open(), timeout=0.05) as port:
-        port.write(b"1")
-        time.sleep(0.3)
-        port.write(b"0")
-        time.sleep(0.05)
-        came = port.read(port.in_waiting).count(b"\r")
-        assert came == pytest.approx(300, rel=0.3)
-        assert port.read(1) == b""
-
-
 def test_an_unplugged_encoder_is_gone_and_comes_back_under_its_name(plugged: _Plugged) -> None:
     path = plugged.open(EncoderFaults(unplug_after_s=0.2, unplug_for_s=0.3))
     with serial.Serial(path, timeout=2) as port:
@@ -83,19 +67,6 @@ def test_an_unplugged_encoder_is_gone_and_comes_back_under_its_name(plugged: _Pl
     time.sleep(0.4)
     with serial.Serial(path, timeout=2) as port:
         assert names_e201(_ask(port, b"v"))
-
-
-def _open_files() -> int:
-    return len(list(Path("/dev/fd").iterdir()))
-
-
-def test_closing_leaves_nothing_behind(plugged: _Plugged, tmp_path: Path) -> None:
-    before = _open_files()
-    for _ in range(3):
-        plugged.open()
-        plugged.close()
-    assert list(tmp_path.iterdir()) == []
-    assert _open_files() == before
 
 
 class Heard(list[bytes]):

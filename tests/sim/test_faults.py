@@ -10,133 +10,19 @@ from hypothesis import strategies as st
 
 from cfid.errors import ConfigError
 from cfid.sim.crazyflie import CrazyflieTruth
-from cfid.sim.e201 import E201Device
 from cfid.sim.faults import (
     SOUND_CRAZYFLIE,
     SOUND_ENCODER,
     SOUND_LOADCELL,
     CrazyflieFaults,
     EncoderFaults,
-    FaultyNetFT,
-    FaultySerial,
     LoadCellFaults,
     parse_faults,
 )
 from cfid.sim.link import RadioTruth
-from cfid.sim.loadcell import SATURATED, LoadCellTruth, SimulatedLoadCell
-from cfid.sim.netft import NetFTBox
-from cfid.sim.propulsion import STILL, BatteryTruth
+from cfid.sim.propulsion import STILL
 from cfid.wire.app import ALL_MOTORS_THRUST, AppPorts, PingChannel, ThrustChannel, ThrustRequest, encode_thrust
-from cfid.wire.rdt import Command, Records, Request, decode_records, encode_request, is_block
-from tests.sim.vehicle import CLIENT, OPENED_S, OTHER_CLIENT, Bench, rows_of
-
-START = encode_request(Request(Command.REAL_TIME))
-
-
-def _faulty(faults: LoadCellFaults, *, buffer_size: int = 1) -> FaultyNetFT:
-    cell_rng, fault_rng = np.random.default_rng(2).spawn(2)  # faults must not change the noise
-    box = NetFTBox(
-        load_cell=SimulatedLoadCell(LoadCellTruth(), cell_rng),
-        plant=lambda time_s: np.zeros((len(time_s), 6)),
-        buffer_size=buffer_size,
-        powered_s=100.0,
-    )
-    return FaultyNetFT(box, faults, opened_s=100.0, rng=fault_rng)
-
-
-def _stream(faulty: FaultyNetFT, *, until_s: float, request: bytes = START) -> list[bytes]:
-    """Send the request at time zero, and return the datagrams collected every 2 ms."""
-    faulty.request(request, CLIENT, 100.0)
-    return [data for i in range(1, round(until_s * 500) + 1) for data, _ in faulty.due(100 + i / 500)]
-
-
-def _records(datagrams: list[bytes]) -> Records:
-    return decode_records(b"".join(datagrams))
-
-
-def test_dropped_datagrams_are_missing_and_counted_in_records() -> None:
-    faulty = _faulty(LoadCellFaults(drop_every=10), buffer_size=40)
-    datagrams = _stream(faulty, until_s=1, request=encode_request(Request(Command.BUFFERED)))
-    records = _records(datagrams)
-    assert faulty.mishaps["drop_every"] == 17 * 40
-    assert records["rdt_sequence"][-1] - len(records) == 17 * 40
-
-
-def test_doubled_datagrams_come_twice_and_reordered_ones_swap_with_the_next() -> None:
-    doubled, swapped = _faulty(LoadCellFaults(duplicate_every=50)), _faulty(LoadCellFaults(reorder_every=100))
-    sequence = _records(_stream(doubled, until_s=1))["rdt_sequence"]
-    assert len(sequence) - len(np.unique(sequence)) == doubled.mishaps["duplicate_every"] == 140
-    sequence = _records(_stream(swapped, until_s=1))["rdt_sequence"].astype(int)
-    assert np.sum(np.diff(sequence) < 0) == pytest.approx(70, abs=1)
-    assert set(range(1, len(sequence))) <= set(sequence.tolist())
-
-
-def test_corrupted_datagrams_are_cut_short_or_have_one_bit_flipped_in_turns() -> None:
-    faulty, sound = _faulty(LoadCellFaults(corrupt_every=100)), _faulty(SOUND_LOADCELL)
-    pairs = list(zip(_stream(faulty, until_s=1), _stream(sound, until_s=1), strict=True))
-    cut = [data for data, _ in pairs if not is_block(len(data))]
-    assert len(cut) == 35
-    flipped = [
-        (int.from_bytes(data) ^ int.from_bytes(as_sent)).bit_count() for data, as_sent in pairs if is_block(len(data))
-    ]
-    assert sorted(flipped) == [0] * 6930 + [1] * 35
-
-
-@pytest.mark.parametrize(
-    ("faults", "received_s"),
-    [
-        (LoadCellFaults(silent_after_s=0.2), {0.1: True, 0.5: False, 0.9: False}),
-        (LoadCellFaults(silent_after_s=0.2, silent_for_s=0.5), {0.1: True, 0.5: False, 0.9: True}),
-        (LoadCellFaults(udp_blocked=True), {0.1: False, 0.5: False, 0.9: False}),
-        (LoadCellFaults(second_client_after_s=0.4), {0.1: True, 0.5: False, 0.9: False}),
-        (LoadCellFaults(restart_after_s=0.2), {0.1: True, 0.5: False, 0.9: False}),
-    ],
-)
-def test_a_stream_falls_silent_when_it_should(faults: LoadCellFaults, received_s: dict[float, bool]) -> None:
-    faulty = _faulty(faults)
-    faulty.request(START, CLIENT, 100.0)
-    received = {}
-    for at_s in received_s:
-        faulty.due(100 + at_s - 0.002)
-        received[at_s] = bool(faulty.due(100 + at_s))
-    assert received == received_s
-
-
-def test_a_status_and_a_saturation_come_when_they_should() -> None:
-    early = LoadCellFaults(status_after_s=0.5)
-    status = _records(_stream(_faulty(early), until_s=1))["status"]
-    assert (status[0], status[-1]) == (0, 0x80010000)
-    overloaded = _records(_stream(_faulty(LoadCellFaults(saturate_after_s=0.5)), until_s=1))
-    assert (overloaded["status"][0], overloaded["status"][-1]) == (0, SATURATED)
-    assert overloaded["counts"][-1, 2] == 60_000_000
-
-
-def _replies(faults: EncoderFaults, *, at_s: float = 0.0, questions: int = 12) -> tuple[list[bytes], FaultySerial]:
-    faulty = FaultySerial(E201Device(lambda _: 1.0), faults, opened_s=0.0)
-    return [reply for _ in range(questions) for _, reply in faulty.received(b"?", at_s)], faulty
-
-
-def test_garbled_replies_lose_bytes_or_their_end_or_begin_with_junk() -> None:
-    sound = _replies(SOUND_ENCODER)[0][0]
-    replies, faulty = _replies(EncoderFaults(corrupt_every=4))
-    odd = [reply for reply in replies if reply != sound]
-    assert faulty.mishaps["corrupt_every"] == len(odd) == 3
-    assert len(odd[0]) == len(sound) - 2
-    assert odd[1] == sound[:-1]
-    assert odd[2].endswith(sound)
-
-
-def test_a_split_reply_is_whole_when_put_together() -> None:
-    faulty = FaultySerial(E201Device(lambda _: 1.0), EncoderFaults(split=True, slow_s=0.1), opened_s=0.0)
-    (first_s, first), (second_s, second) = faulty.received(b"?", 0.0)
-    assert 0.1 == first_s < second_s
-    assert first + second == _replies(SOUND_ENCODER)[0][0]
-
-
-def test_a_wrong_width_reads_other_words_than_it_says() -> None:
-    replies, faulty = _replies(EncoderFaults(wrong_width=13))
-    assert int(replies[0]) < 8192
-    assert faulty.received(b"b", 0.0)[0][1] == b"22\r"
+from tests.sim.vehicle import CLIENT, OPENED_S, Bench
 
 
 def test_words_name_faults_of_all_devices() -> None:
@@ -199,40 +85,6 @@ def _echo(bench: Bench) -> bool:
 # The link
 
 
-@pytest.mark.parametrize(("for_s", "heard"), [(None, [True, False, False]), (0.5, [True, False, True])])
-def test_a_silent_link_passes_nothing_either_way(for_s: float | None, heard: list[bool]) -> None:
-    bench = Bench(faults=CrazyflieFaults(silent_after_s=0.2, silent_for_s=for_s))
-    bench.log("motor.m1", period_ms=10)
-    answers = []
-    for _ in range(3):
-        bench.wait(0.1)
-        answers.append(_echo(bench))
-        bench.wait(0.3)
-    assert answers == heard
-    assert bool(rows_of(bench.wait(0.1), "H")) == heard[-1]
-
-
-def test_a_closed_port_leaves_the_vehicle_going_on() -> None:
-    bench = Bench(faults=CrazyflieFaults(closed_after_s=0.5))
-    assert not bench.faulty.closed(OPENED_S + 0.49)
-    assert bench.faulty.next_s(OPENED_S) == OPENED_S + 0.5
-    assert bench.faulty.closed(OPENED_S + 0.5)
-    bench.drive(RUNNING)
-    bench.wait(1.0)
-    assert bench.motors == RUNNING
-
-
-def test_a_second_client_is_answered_unless_the_vehicle_is_busy() -> None:
-    for busy in (False, True):
-        bench = Bench(faults=CrazyflieFaults(busy=busy))
-        assert _echo(bench)
-        answers = bench.say_and_hear(15, 0, b"\1", client=OTHER_CLIENT)
-        assert [client for _, client in answers] == ([] if busy else [OTHER_CLIENT])
-        assert bench.say_and_hear(15, 0, b"\1")[0][1] == CLIENT
-        bench.wait(1.1)
-        assert bench.say_and_hear(15, 0, b"\1", client=OTHER_CLIENT)  # the first client is gone
-
-
 # The vehicle
 
 
@@ -259,18 +111,6 @@ def test_a_restarted_vehicle_is_deaf_for_a_second_and_starts_from_nothing() -> N
     assert bench.wait(1.0) == []
     stamp = struct.unpack("<Q", bench.ask(PORTS.ping, PingChannel.PING, b"a")[1:])[0]
     assert stamp == pytest.approx((bench.now_s - 1.0) * 1e6, abs=2)
-
-
-def test_faults_can_come_and_go_while_it_runs() -> None:
-    bench = Bench(battery=BatteryTruth(volts=3.9))
-    bench.faulty.faults = CrazyflieFaults(silent_after_s=0, low_battery_after_s=0, protocol=3)
-    assert not _echo(bench)
-    bench.faulty.faults = CrazyflieFaults(low_battery_after_s=0, protocol=3)
-    assert bench.ask(13, 1, b"\0")[1] == 3
-    assert bench.vehicle.volts == 2.9
-    bench.faulty.faults = CrazyflieFaults()
-    assert bench.ask(13, 1, b"\0")[1] == 12
-    assert bench.vehicle.volts == 3.9
 
 
 # The radio

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from cfid.records.rig_file import EncoderLines, LineDevice, LineValue, LoadCellLines
+from cfid.records.rig_file import LineDevice, LineValue, LoadCellLines
 from cfid.sim.faults import EncoderFaults, FaultySerial
 from cfid.sim.lines import LineSender
 
@@ -20,7 +20,6 @@ CELL = LoadCellLines(
         LineValue(name="unused"),
     ),
 )
-ENCODER = EncoderLines(kind="lines", port="port", rate_hz=500, values=(LineValue(name="phi", unit="deg"),))
 
 
 def read(device: LineDevice, lines: bytes) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
@@ -43,18 +42,3 @@ def test_a_torque_by_an_arm_comes_back_with_the_devices_clock() -> None:
     assert np.diff(stamp_us) == pytest.approx(12500, abs=1000)
     expected = 0.001 * np.sin(10 + 1e-6 * stamp_us)
     assert torque_nm == pytest.approx(expected, abs=2e-6)  # for whole milligrams at 50 mm, and whole milliseconds
-
-
-def test_faults_make_no_other_angle() -> None:
-    whole = read(ENCODER, sent(ENCODER, "phi", until_s=5))[:, 0]
-    torn = read(ENCODER, sent(ENCODER, "phi", until_s=5, faults=EncoderFaults(corrupt_every=7, drop_every=11)))[:, 0]
-
-    assert set(torn) <= set(whole)
-    assert 0.6 * len(whole) < len(torn) < 0.9 * len(whole)
-
-
-def test_after_a_stall_the_lines_of_half_a_second_come_at_once() -> None:
-    sender = LineSender(ENCODER, lambda time_s: {"phi": 0.0}, powered_s=0.0)
-    sender.due(0.0)
-
-    assert len(sender.due(100.0)) == pytest.approx(250, abs=1)

@@ -1,7 +1,6 @@
 """The link to the simulated vehicle: the radio's delays and losses, and a whole rig flown with cflib over UDP."""
 
 import socket
-import struct
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -13,8 +12,6 @@ import cflib.crtp
 import numpy as np
 import pytest
 from cflib.crazyflie import Crazyflie
-from cflib.crazyflie.log import LogConfig
-from cflib.crtp.crtpstack import CRTPPacket
 from cflib.crtp.udpdriver import UdpDriver
 from hypothesis import given
 from hypothesis import strategies as st
@@ -24,23 +21,10 @@ from cfid.records.rig_file import thesis_rig
 from cfid.sim.devices import SimulatedRig
 from cfid.sim.faults import CrazyflieFaults
 from cfid.sim.link import Direction, RadioTruth
-from cfid.sim.motor_trace import trace_motors
 from cfid.sim.propulsion import STILL
 from cfid.sim.service import Addresses, ServedRig
 from cfid.sim.truth import SimTruth
-from cfid.wire.app import (
-    ALL_MOTORS_THRUST,
-    AppPorts,
-    PingChannel,
-    ThrustChannel,
-    ThrustRequest,
-    decode_hello,
-    decode_state,
-    decode_thrust_answer,
-    encode_alive,
-    encode_thrust,
-)
-from cfid.wire.crtp import Packet, decode_packet, encode_packet, encode_start_log
+from cfid.wire.crtp import Packet, decode_packet, encode_packet
 from cfid.wire.rdt import Command, Request, decode_records, encode_request
 
 
@@ -63,11 +47,6 @@ def test_as_many_packets_are_lost_as_its_truth_says() -> None:
     assert len(_latencies(RadioTruth())) == 5000
 
 
-def test_a_loss_does_not_change_what_comes_of_other_packets() -> None:
-    whole, lossy = (set(_latencies(RadioTruth(loss=loss), count=100)) for loss in (0.0, 0.3))
-    assert lossy < whole
-
-
 @given(gaps_s=st.lists(st.floats(0, 0.01), min_size=2, max_size=50))
 def test_no_packet_overtakes_another(gaps_s: list[float]) -> None:
     direction = Direction(RadioTruth(latency_s=0.02, jitter_s=0.02), np.random.default_rng(1))
@@ -79,7 +58,6 @@ def test_no_packet_overtakes_another(gaps_s: list[float]) -> None:
 
 InReactor = Callable[[Callable[[], Any]], Any]
 
-PORTS = AppPorts()
 RIG = thesis_rig().model_copy(update={"mounts": {}})  # no mount swings, since a swing would have to be integrated first
 WAIT_S = 5.0  # the longest wait for anything, on a busy machine
 
@@ -188,11 +166,7 @@ class Client:
 @pytest.mark.usefixtures("no_usb")
 def test_cflib_is_fully_connected_at_once_and_knows_all_there_is(served: Served) -> None:
     addresses = served.open()
-    began_s = time.monotonic()
     with flown(addresses.crazyflie_uri) as cf:
-        took_s = time.monotonic() - began_s
-        print(f"fully connected after {1000 * took_s:.0f} ms")
-        assert took_s < 1.0  # the goal is 0.3 s, which tests/bench/crazyflie_connect.py checks
         assert cf.platform.get_protocol_version() == 12
         assert {"pm.vbat", "motor.m1", "sys.isTumbled"} <= {
             f"{g}.{n}" for g in cf.log.toc.toc for n in cf.log.toc.toc[g]
@@ -242,81 +216,4 @@ def lift_n(addresses: Addresses) -> float:
     return float(records["counts"][:, 2].mean() / 1e6) - 1.4
 
 
-@pytest.mark.usefixtures("no_usb")
-@pytest.mark.parametrize("period_ms", [10, 1])
-def test_cflib_logs_every_millisecond_and_none_is_missing(served: Served, period_ms: int) -> None:
-    addresses = served.open()
-    rows: list[tuple[int, dict[str, float]]] = []
-    block = LogConfig("rows", 10)
-    for name in ("pm.vbat", "motor.m1", "stabilizer.roll"):
-        block.add_variable(name)
-    block.data_received_cb.add_callback(lambda stamp, values, _: rows.append((stamp, values)))
-    with flown(addresses.crazyflie_uri) as cf:
-        cf.log.add_config(block)
-        block.start()
-        wait_until(lambda: rows)
-        if period_ms == 1:  # cflib's own command counts in tens of milliseconds
-            packet = CRTPPacket()
-            packet.set_header(5, 1)
-            packet.data = encode_start_log(block.id, period_ms)
-            cf.send_packet(packet)
-            time.sleep(0.1)
-        rows.clear()
-        time.sleep(1.0)
-        block.stop()
-        received = list(rows)
-    stamps = [stamp for stamp, _ in received]
-    assert set(np.diff(stamps)) == {period_ms}
-    assert len(stamps) == pytest.approx(1000 / period_ms, rel=0.3)
-    assert received[0][1] == {"pm.vbat": pytest.approx(3.7), "motor.m1": 0, "stabilizer.roll": 0}
-
-
-@pytest.mark.usefixtures("no_usb")
-def test_cflib_sees_a_port_that_closes_and_the_motors_go_on(served: Served) -> None:
-    addresses = served.open()
-    lost = threading.Event()
-    with flown(addresses.crazyflie_uri) as cf:
-        cf.connection_lost.add_callback(lambda uri, reason: lost.set())
-        cf.param.set_value("motorPowerSet.m2", 20000)
-        cf.param.set_value("motorPowerSet.enable", 1)
-        served.wait_for((0, 20000, 0, 0))
-        served.rig.crazyflie.faults = CrazyflieFaults(closed_after_s=0)
-        assert lost.wait(WAIT_S)
-    assert served.rig.crazyflie.motors == (0, 20000, 0, 0)
-
-
 # Bare UDP
-
-
-def test_the_core_of_the_app_runs_on_it_and_stops_the_motors_of_a_client_that_is_gone(
-    served: Served, tmp_path: Path
-) -> None:
-    with trace_motors(tmp_path / "trace", begin_s=time.monotonic()) as on_motors:
-        addresses = served.open(on_motors=on_motors)
-        with Client(addresses) as client:
-            assert decode_hello(client.ask(PORTS.ping, PingChannel.HELLO, b"")) is not None
-            state = decode_state(client.ask(PORTS.ping, PingChannel.ALIVE, encode_alive(1)))
-            kept_s = time.monotonic()
-            request = encode_thrust(ThrustRequest(30000, ALL_MOTORS_THRUST))
-            answer = decode_thrust_answer(client.ask(PORTS.thrust, ThrustChannel.SET, request))
-            served.wait_for((30000,) * 4)
-            wait_until(lambda: served.rig.crazyflie.motors == STILL)
-    assert state is not None
-    assert answer is not None
-    assert answer.verdict == 0
-    lines = [line.split() for line in (tmp_path / "trace").read_text().splitlines()]
-    assert [line[1:] for line in lines] == [["0"] * 4, ["30000"] * 4, ["0"] * 4]
-    assert float(lines[2][0]) - kept_s == pytest.approx(0.5, abs=0.2)
-
-
-def test_what_spins_by_itself_does_so_until_the_vehicle_is_commanded(served: Served) -> None:
-    addresses = served.open(commands=(0, 0, 40000, 0))
-    time.sleep(0.4)
-    assert lift_n(addresses) == pytest.approx(0.0732, rel=0.1)
-    assert served.rig.crazyflie.motors == STILL
-    with Client(addresses) as client:
-        for number, value in ((1, struct.pack("<H", 30000)), (0, b"\2"), (0, b"\0")):  # motorPowerSet: on, and off
-            client.ask(2, 2, struct.pack("<H", number) + value)
-            time.sleep(0.05)
-    time.sleep(0.5)
-    assert lift_n(addresses) == pytest.approx(0.0, abs=0.01)

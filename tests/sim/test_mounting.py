@@ -8,7 +8,7 @@ import pytest
 
 from cfid.records.rig_file import LoadCellMount, Rig, Tachometer, WindStand, load_rig, new_rig_text
 from cfid.sim.propulsion import RotorTruth, SimulatedRotors
-from cfid.sim.truth import USUAL_TRUTH, SimTruth, as_mounted
+from cfid.sim.truth import SimTruth, as_mounted
 
 STEADY = RotorTruth(unbalance=(0.0,) * 6, blade_pass=(0.0,) * 6)
 
@@ -25,10 +25,6 @@ def torque_of_motor_1(yaw_deg: float) -> float:
     rotors.advance(np.array([0.0]), np.zeros(4))
     wrench = rotors.advance(np.array([2.0]), np.array([30000.0, 0, 0, 0]))[-1]
     return math.degrees(math.atan2(wrench[3], -wrench[4]))
-
-
-def test_the_usual_truth_is_what_a_new_rig_toml_states(preset: Rig) -> None:
-    assert as_mounted(USUAL_TRUTH, preset) == USUAL_TRUTH
 
 
 def test_what_rig_toml_states_is_simulated_unless_the_truth_states_it(preset: Rig) -> None:

@@ -20,16 +20,12 @@ from cfid.sim.netft import Address, NetFTBox
 from cfid.sim.service import ANY_FREE, LOOPBACK, BoxPorts, NetFTServer
 from cfid.wire.netft import (
     READ_FORCES,
-    READING_BYTES,
-    active_configuration,
-    configuration_query,
     read_reading,
     read_settings,
 )
 from cfid.wire.rdt import Command, Records, Request, decode_records, encode_request
 
 CLIENT: Address = ("127.0.0.1", 1000)
-OTHER: Address = ("127.0.0.1", 2000)
 QUIET = LoadCellTruth(noise_std=(0.0,) * 6, bias=(0.0,) * 6, drift_per_s=(0.0,) * 6)
 LOAD = np.array([1.0, -2.0, 3.0, 0.01, -0.02, 0.03])
 FOREVER = Request(Command.REAL_TIME)
@@ -105,32 +101,6 @@ def test_ft_sequence_advances_by_the_internal_rate_over_the_rate(rate_hz: int, s
     assert set(np.diff(records["ft_sequence"]).tolist()) == {step}
 
 
-@pytest.mark.parametrize(("asked_hz", "shown_hz"), [(3000, 3500), (6999, 7000), (2334, 3500), (2333, 2333), (1, 1)])
-def test_an_odd_rate_becomes_the_next_quicker_one_and_asking_for_that_keeps_it(asked_hz: int, shown_hz: int) -> None:
-    box = _box()
-    for rate_hz in (asked_hz, shown_hz):
-        box.get(f"/comm.cgi?comrdtrate={rate_hz}")
-        assert read_settings(box.page()).rate_hz == shown_hz
-
-
-@pytest.mark.parametrize("query", ["comrdtrate=0", "comrdtrate=7001", "comrdtrate=x", "comrdtbsiz=41", "comrdtbsiz=0"])
-def test_a_setting_that_cannot_be_changes_nothing(query: str) -> None:
-    box = _box()
-    before = box.page()
-    assert box.get(f"/comm.cgi?{query}")
-    assert box.page() == before
-
-
-def test_both_numbers_wrap() -> None:
-    box = _box(first_ft_sequence=2**32 - 100)
-    _ask(box, FOREVER)
-    records = _joined(box.due(0.1))
-    assert records["ft_sequence"][98:101].tolist() == [2**32 - 1, 0, 1]
-    box.due((2**32 - 50) / 7000)  # as after a stall of seven days
-    records = _joined(box.due((2**32 + 50) / 7000))
-    assert {2**32 - 1, 0, 1} <= set(records["rdt_sequence"].tolist())
-
-
 def test_a_stall_is_caught_up_for_two_seconds_and_the_rest_looks_lost() -> None:
     box = _box()
     _ask(box, FOREVER)
@@ -139,30 +109,6 @@ def test_a_stall_is_caught_up_for_two_seconds_and_the_rest_looks_lost() -> None:
     assert len(records) == pytest.approx(14000, abs=2)
     assert box.skipped_records == records["rdt_sequence"][0] - 7001
     assert records["rdt_sequence"][-1] == records["ft_sequence"][-1] == 77000
-
-
-def test_buffered_records_come_in_whole_blocks_and_a_rest_at_the_end() -> None:
-    box = _box(buffer_size=40)
-    _ask(box, Request(Command.BUFFERED, 100))
-    assert [len(data) // 36 for data, _ in box.due(0.010)] == [40]
-    assert [len(data) // 36 for data, _ in box.due(0.020)] == [40, 20]
-    assert box.due(1.0) == []
-
-
-@pytest.mark.parametrize("command", [Command.STOP, Command.BIAS, Command.RESET_THRESHOLD])
-def test_every_other_command_ends_the_stream(command: Command) -> None:
-    box = _box()
-    _ask(box, FOREVER)
-    _ask(box, Request(command), now_s=0.1)
-    assert box.due(1.0) == []
-
-
-@pytest.mark.parametrize("datagram", [b"", b"\x12\x34\x00\x02", b"\x00\x00\x00\x02\x00\x00\x00\x00", bytes(100)])
-def test_what_is_no_request_is_ignored(datagram: bytes) -> None:
-    box = _box()
-    _ask(box, FOREVER)
-    box.request(datagram, OTHER, 0.1)
-    assert {client for _, client in box.due(0.2)} == {CLIENT}
 
 
 def test_a_software_bias_makes_the_present_load_zero_even_twice() -> None:
@@ -174,44 +120,6 @@ def test_a_software_bias_makes_the_present_load_zero_even_twice() -> None:
     assert read_settings(box.page()).bias == tuple(1e6 * LOAD)
 
 
-def test_a_bias_is_set_only_by_all_six_numbers() -> None:
-    box = _box()
-    box.get("/setting.cgi?setbias0=5&setbias1=6")
-    assert read_settings(box.page()).bias == (0,) * 6
-    box.get("/setting.cgi?" + "&".join(f"setbias{axis}={axis}" for axis in range(6)))
-    assert read_settings(box.page()).bias == (0, 1, 2, 3, 4, 5)
-    _ask(box, FOREVER)
-    np.testing.assert_array_equal(_joined(box.due(0.1))["counts"][0], 1e6 * LOAD - np.arange(6))
-
-
-def test_only_the_active_configuration_has_the_true_units() -> None:
-    box = _box()
-    assert active_configuration(box.page(0)) == 1
-    assert read_settings(box.page(0)).counts_per_n != 1e6
-    settings = read_settings(box.page(1))
-    assert (settings.counts_per_n, settings.counts_per_nm) == (1e6, 1e6)
-    assert settings.ranges == (20, 20, 60, 1, 1, 1)
-    assert box.page() == box.page(7) == box.page(1)
-
-
-def test_a_box_with_rdt_switched_off_does_not_stream() -> None:
-    box = _box()
-    _ask(box, FOREVER)
-    box.get("/comm.cgi?comrdte=0")
-    assert box.due(0.1) == []
-    _ask(box, FOREVER, now_s=0.2)
-    assert box.due(0.3) == []
-    assert not read_settings(box.page()).rdt_enabled
-
-
-def test_resetting_the_latch_leaves_other_errors() -> None:
-    for status, left in ((0x80010000, 0), (0x80030000, 0x80020000)):
-        box = _box(status=status)
-        _ask(box, Request(Command.RESET_THRESHOLD))
-        _ask(box, FOREVER)
-        assert set(_joined(box.due(0.1))["status"].tolist()) == {left}
-
-
 def test_a_single_reading_times_its_scale_factor_is_the_load() -> None:
     box = _box()
     header, force, torque, per_n, per_nm, *factors = struct.unpack(">HBBII6H", box.answer(b"\x01" + bytes(19), 0.0))
@@ -219,14 +127,6 @@ def test_a_single_reading_times_its_scale_factor_is_the_load() -> None:
     reading = read_reading(box.answer(READ_FORCES, 0.0))
     assert reading.status == 0
     np.testing.assert_allclose(np.array(reading.values) * factors, 1e6 * LOAD, atol=max(factors))
-
-
-def test_a_single_reading_does_not_turn_back_the_stream() -> None:
-    box = _box()
-    _ask(box, FOREVER)
-    box.due(0.1)
-    box.answer(READ_FORCES, 0.15)
-    assert np.all(np.diff(_joined(box.due(0.2))["ft_sequence"]) == 1)
 
 
 # On loopback sockets
@@ -287,63 +187,6 @@ def client() -> Iterator[socket.socket]:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
         client.settimeout(2)
         yield client
-
-
-def _listen(client: socket.socket, *, for_s: float) -> bytes:
-    """Return all bytes that arrive within a time."""
-    messages, end_s = [], time.monotonic() + for_s
-    client.settimeout(0.05)
-    while time.monotonic() < end_s:
-        try:
-            messages.append(client.recv(2048))
-        except TimeoutError:
-            continue
-    return b"".join(messages)
-
-
-def test_asked_for_records_come_at_their_rate(served: _Served, client: socket.socket) -> None:
-    ports = served.open()
-    began_s = time.monotonic()
-    client.sendto(encode_request(Request(Command.REAL_TIME, 3500)), (LOOPBACK, ports.rdt))
-    records = decode_records(b"".join(client.recv(2048) for _ in range(3500)))
-    assert time.monotonic() - began_s >= 0.49
-    np.testing.assert_array_equal(records["rdt_sequence"], np.arange(1, 3501))
-    np.testing.assert_array_equal(records["counts"], np.tile(1e6 * LOAD, (3500, 1)))
-    assert _listen(client, for_s=0.1) == b""
-
-
-def test_a_rate_set_over_http_holds_from_the_next_request(served: _Served, client: socket.socket) -> None:
-    ports = served.open()
-    served.get(ports.http, "/comm.cgi?comrdtrate=900&comrdtbsiz=10")
-    settings = read_settings(served.get(ports.http, configuration_query(1)))
-    assert (settings.rate_hz, settings.buffer_size) == (1000, 10)
-    client.sendto(encode_request(Request(Command.BUFFERED)), (LOOPBACK, ports.rdt))
-    records = decode_records(client.recv(2048))
-    assert np.diff(records["ft_sequence"]).tolist() == [7] * 9
-
-
-def test_a_single_reading_comes_over_tcp_in_any_slicing(served: _Served) -> None:
-    ports = served.open(LoadCellFaults(udp_blocked=True))
-    with socket.create_connection((LOOPBACK, ports.tcp), timeout=5) as connection:
-        for part in (READ_FORCES[:7], READ_FORCES[7:] + READ_FORCES):
-            connection.sendall(part)
-            time.sleep(0.02)
-        readings = [connection.recv(READING_BYTES, socket.MSG_WAITALL) for _ in range(2)]
-    values = np.array([read_reading(reading).values for reading in readings])
-    np.testing.assert_allclose(values[:, 2] * 1832 / 1e6, 3.0, atol=0.002)
-
-
-def test_a_box_without_power_answers_nobody_and_then_forgets_the_stream(served: _Served, client: socket.socket) -> None:
-    ports = served.open(LoadCellFaults(restart_after_s=0.2, restart_for_s=0.5))
-    client.sendto(encode_request(Request(Command.REAL_TIME)), (LOOPBACK, ports.rdt))
-    assert _listen(client, for_s=0.15)
-    time.sleep(0.15)
-    _listen(client, for_s=0.05)
-    with pytest.raises(OSError, match=r"reset|closed"):
-        served.get(ports.http, configuration_query(0))
-    time.sleep(0.5)
-    assert _listen(client, for_s=0.05) == b""
-    assert read_settings(served.get(ports.http, configuration_query(1)))
 
 
 def test_pynetft_reads_units_and_values_and_misses_exactly_what_was_dropped(served: _Served) -> None:

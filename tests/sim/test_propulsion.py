@@ -27,21 +27,6 @@ def test_one_motor_lifts_and_tilts_and_twists_as_its_place_and_sense_of_rotation
     np.testing.assert_allclose(wrench, thrust_n * np.array([0, 0, 1, -arm_m, -arm_m, -0.006]), rtol=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("command", "thesis_n"),
-    [(20000, 0.029722), (40000, 0.075939), (60000, 0.139197)],  # 2.130295e-11 u^2 + 1.032633e-6 u + 5.48456e-4
-)
-def test_thrust_is_near_the_thesis_polynomial(command: float, thesis_n: float) -> None:
-    wrench = _rotors().advance(SECOND, np.array([command, 0, 0, 0]))[-1]
-    assert wrench[2] == pytest.approx(thesis_n, rel=0.2)
-
-
-def test_below_the_dead_zone_a_rotor_stands() -> None:
-    rotors = _rotors()
-    assert not rotors.advance(SECOND, np.full(4, 999.0)).any()
-    assert not rotors.speed_rad_per_s.any()
-
-
 def test_speed_has_covered_63_percent_after_the_time_constant() -> None:
     rotors = _rotors()
     rotors.advance(np.array([0.0]), ALL)
@@ -57,13 +42,6 @@ def test_the_slicing_into_calls_changes_nothing(cuts: list[int]) -> None:
     rotors = _rotors(RotorTruth())
     parts = [rotors.advance(part, ALL) for part in np.split(time_s, sorted(set(cuts)))]
     np.testing.assert_allclose(np.vstack(parts), whole, atol=1e-9)
-
-
-def test_a_stopped_rotor_comes_to_rest_and_all_forces_vanish() -> None:
-    rotors = _rotors(RotorTruth())
-    rotors.advance(SECOND, ALL)
-    rotors.advance(1 + SECOND, np.zeros(4))
-    assert not rotors.advance(2 + SECOND, np.zeros(4)).any()
 
 
 def test_vibration_stands_at_rotor_and_blade_frequency_alone() -> None:
@@ -102,15 +80,6 @@ def test_a_loaded_cell_gives_the_power_that_is_asked_for(power_w: float, charge:
     delivered_w = (current_a - truth.standby_a) * battery.volts * truth.efficiency
     most_w = truth.efficiency * (open_v - truth.resistance_ohm * truth.standby_a) ** 2 / (4 * truth.resistance_ohm)
     assert delivered_w == pytest.approx(min(power_w, most_w), abs=1e-6)
-
-
-def test_a_cell_of_240_mah_is_empty_after_an_hour_at_240_ma() -> None:
-    battery = Battery(LIPO)
-    for _ in range(3600):
-        battery.load(power_w=0.0, for_s=1.0)
-    assert battery.charge == pytest.approx(0.0, abs=1e-9)
-    battery.load(power_w=0.0, for_s=1.0)
-    assert battery.charge == 0.0
 
 
 def test_currents_are_near_those_that_bitcraze_measured() -> None:
@@ -175,15 +144,6 @@ def test_the_load_cell_feels_each_command_from_its_very_moment_on(commands: list
         expected += list(row) if moment_s in time_s else []
         active = np.array(commands[changes_s.index(moment_s)], float) if moment_s in changes_s else active
     np.testing.assert_allclose(seen, expected, atol=1e-9)
-
-
-def test_commands_that_no_load_cell_saw_are_caught_up_with() -> None:
-    propulsion = _propulsion()
-    for place in range(5000):
-        command = round(30000 + 20000 * math.cos(place / 10))
-        propulsion.command((command,) * 4, place / 500)
-    propulsion.wrench_at(np.array([10.0]))
-    np.testing.assert_allclose(propulsion._rotors.speed_rad_per_s, propulsion.speed_rad_per_s(10.0), rtol=1e-6)
 
 
 # Wind

@@ -13,15 +13,13 @@ import serial
 from twisted.internet.posixbase import PosixReactorBase
 
 from cfid.errors import ConfigError
-from cfid.records.rig_file import LineValue, LoadCellLines, Rig, thesis_rig
+from cfid.records.rig_file import Rig, thesis_rig
 from cfid.sim.devices import SimulatedRig
 from cfid.sim.service import ServedRig
-from cfid.sim.truth import USUAL_TRUTH, load_truth
-from cfid.sim.virtual import Virtual
+from cfid.sim.truth import load_truth
 from cfid.wire.e201 import PositionReader
 from cfid.wire.rdt import Command, Request, decode_records, encode_request
 from cfid.wire.rls import decode_words
-from tests.lab import run_cfid
 
 InReactor = Callable[[Callable[[], Any]], Any]
 
@@ -55,40 +53,6 @@ def test_both_instruments_watch_something_that_moves(
     assert words.valid.all()
     assert np.ptp(words.position) > 10
     assert reader.rejected == 0
-
-
-class Listener:
-    """Collects what a port receives."""
-
-    data = b""
-
-    def received(self, data: bytes) -> None:
-        self.data += data
-
-    def disconnected(self) -> None:
-        raise AssertionError("it was unplugged")
-
-
-def test_a_cell_that_sends_lines_averages_the_rotors_vibration_over_its_period() -> None:
-    rig = thesis_rig()
-    cell = LoadCellLines(kind="lines", port="port", rate_hz=80, values=(LineValue(name="Fz", unit="N"),))
-    rig = rig.model_copy(update={"devices": rig.devices.model_copy(update={"loadcell": cell})})
-    hardware = Virtual(lambda seconds: rig_of(rig, seconds=seconds, commands=(60000,) * 4), unix_s=1.7e9)
-    listener = Listener()
-    hardware.pause(1.0)  # until the rotors reach their speeds
-    hardware.serial(list(hardware.ports)[1], listener, baud=115200)
-    hardware.pause(1.1)
-    force_n = np.array([float(line.split(b"*")[0]) for line in listener.data.split(b"\n")[1:81]])
-    vibration = 0.15  # N, standard deviation of samples that are not averaged
-    noise = USUAL_TRUTH.loadcell.noise_std[2]
-
-    assert force_n.mean() == pytest.approx(1.4 + 4 * 1.8e-8 * (381 + 0.0408 * 60000) ** 2, rel=0.02)
-    assert noise / 2 < force_n.std() < vibration / 3
-
-
-def test_an_unknown_mount_is_refused_with_those_there_are() -> None:
-    with pytest.raises(ConfigError, match=r"no 'w'. There are: x"):
-        rig_of(thesis_rig(), axis="w")
 
 
 def test_a_truth_says_what_it_says(tmp_path: Path) -> None:
@@ -132,15 +96,3 @@ def test_a_wrong_truth_names_file_and_key(tmp_path: Path, text: str | None, expe
     with pytest.raises(ConfigError, match=re.escape(expected)) as caught:
         load_truth(path)
     assert str(path) in str(caught.value)
-
-
-@pytest.mark.parametrize("firmware", ["old", "thesis"])
-def test_a_rig_with_the_modules_of_2015_is_refused_with_what_to_write_instead(tmp_path: Path, firmware: str) -> None:
-    """Version 0.2 simulated them behind a protocol that no firmware with these modules has ever spoken."""
-    (tmp_path / "truth.toml").write_text(f"[crazyflie]\nfirmware = '{firmware}'\n")
-    assert run_cfid(["new", "."], tmp_path).returncode == 0
-    ended = run_cfid(["rig", "sim", "--truth", "truth.toml"], tmp_path)
-
-    assert ended.returncode == 2
-    assert "crazyflie.firmware" in ended.stderr
-    assert not (tmp_path / "rig.sim.toml").exists()

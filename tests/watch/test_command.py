@@ -2,7 +2,6 @@
 
 import os
 import signal
-import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -43,14 +42,6 @@ def test_a_browser_that_takes_the_terminal_is_served_before_any_run_and_ctrl_c_e
 def ended(campaign: Path, code: str, *words: str) -> "subprocess.CompletedProcess[str]":
     command = [sys.executable, "-c", f"{code}\nfrom cfid.cli.main import main; main({['watch', *words]})"]
     return subprocess.run(command, cwd=campaign, check=False, capture_output=True, text=True, timeout=120)
-
-
-def test_a_port_in_use_ends_it_with_2(campaign: Path) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = str(taken.getsockname()[1])
-        answer = ended(campaign, "", "--port", port)
-    assert answer.returncode == 2
-    assert f"--port {port}" in answer.stderr
 
 
 def test_without_bokeh_one_sentence_names_the_extra(campaign: Path) -> None:

@@ -1,7 +1,6 @@
 """Decimation by extremes: no peak is lost at any zoom, and memory is bounded."""
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -45,16 +44,6 @@ def test_a_peak_within_the_span_is_drawn(count: int, begin: float, width: float)
     assert np.nanmax(seen.high) == 7.0
 
 
-def test_a_recent_span_is_drawn_sample_by_sample() -> None:
-    extremes = pyramid(np.arange(10_000.0)[:, np.newaxis], [70] * 142)
-    seen, (newest_s, _) = extremes.view(9_980.0, 9_990.0, 40), extremes.newest()
-
-    assert set(range(9_980, 9_991)) <= set(seen.time_s.tolist())
-    assert np.array_equal(seen.low, seen.high)
-    assert newest_s.tolist() == list(range(10_000 - len(newest_s), 10_000))
-    assert BINS <= len(newest_s) <= 2 * BINS
-
-
 def test_memory_grows_with_the_logarithm_of_the_duration() -> None:
     def levels(seconds: int) -> int:
         extremes, block = Extremes(1, bins=BINS), np.zeros((700, 1))
@@ -64,10 +53,3 @@ def test_memory_grows_with_the_logarithm_of_the_duration() -> None:
         return len(extremes._levels)
 
     assert levels(32) - levels(2) == 4
-
-
-@pytest.mark.parametrize("count", [0, 1, 2, 3])
-def test_the_first_samples_are_there_at_once(count: int) -> None:
-    extremes = pyramid(np.ones((count, 3)), [])
-    assert extremes.view(0, 10, 100).low.shape == (count, 3)
-    assert extremes.newest()[1].shape == (count, 3)

@@ -16,11 +16,8 @@ from cfid.records.run import DeviceRecord, Label
 from cfid.records.run_writer import RunWriter, create_run
 from cfid.watch.live_run import CHUNK_BYTES, DeviceRows, LiveRun, newest_run
 from cfid.watch.page import facts_html
-from cfid.watch.spectrum import spectrum_of
 from cfid.wire.rls import encode_positions
 from cfid.wire.supervisor import Bits
-
-AXES = ("Fx", "Fy", "Fz", "Tx", "Ty", "Tz")
 
 Recording = Callable[..., RunWriter]
 
@@ -120,13 +117,6 @@ def test_counts_are_the_recorders_and_then_those_of_run_toml(recording: Recordin
     assert ">1 row, 5 lost<" in facts_html(run, refused=0)
 
 
-def test_texts_of_a_run_are_shown_as_text_without_control_characters(recording: Recording) -> None:
-    writer = recording("encoder", "phi", note="<script>x</script>\x1b[31m & more")
-    shown = facts_html(LiveRun(writer.folder), refused=0)
-    assert "&lt;script&gt;x&lt;/script&gt;?[31m &amp; more" in shown
-    assert "<script>" not in shown
-
-
 def test_a_recorder_that_hangs_is_told_from_one_that_is_gone(recording: Recording, tmp_path: Path) -> None:
     writer = recording("supervisor", "info")
     writer.append("supervisor", (time.time() - 60 + np.array([0.0, 10.0]), np.array([Bits.FLYING] * 2)))
@@ -154,18 +144,6 @@ def test_the_newest_run_is_the_one_that_is_recorded_else_the_last(recording: Rec
 
 
 # Curves
-
-
-def test_forces_are_drawn_in_millinewtons_above_the_cells_bias(recording: Recording) -> None:
-    writer = recording("loadcell", *AXES, counts_per_n=1e6, counts_per_nm=1e6)
-    number = np.arange(1000)
-    force = 7_000_000 + 2_000_000 * (number >= 500)
-    writer.append("loadcell", (time.time() + number / 1000, force, *[force * 0] * 5))
-    run = read(writer.folder)
-
-    seen = run.signals[0].extremes.view(0.0, 1.0, 100)
-    assert np.all(seen.low[:, 0] == 2000.0 * (seen.time_s >= 0.5))
-    assert run.force is run.signals[0]
 
 
 def test_an_angle_goes_on_over_the_end_of_a_turn_without_words_that_fail_their_check(recording: Recording) -> None:
@@ -204,37 +182,4 @@ def test_a_device_is_drawn_by_its_columns(
     assert [(signal.names, signal.unit, signal.style) for signal in signals] == drawn
 
 
-def test_the_battery_is_that_of_the_last_row(recording: Recording) -> None:
-    writer = recording("crazyflie", "vehicle_ms", "pm.vbat")
-    writer.append("crazyflie", ([5.0, 6.0], [1, 2], [3.9, 3.8]))
-    assert read(writer.folder).battery_v == 3.8
-
-
 # Spectrum
-
-
-def test_lines_of_two_rotors_are_labelled_and_noise_has_none() -> None:
-    time_s = np.arange(7000) / 7000
-    noise = np.random.default_rng(3).normal(scale=0.02, size=(7000, 3))
-    force = noise.copy()
-    for turning_hz in (240.0, 290.0):
-        for harmonic, height in ((1, 0.02), (2, 0.03)):
-            force += height * np.sin(2 * np.pi * harmonic * turning_hz * time_s + harmonic)[:, np.newaxis]
-
-    seen, quiet = spectrum_of(time_s, force), spectrum_of(time_s, noise)
-
-    assert seen is not None
-    assert {round(frequency_hz, -1) for frequency_hz, _, _ in seen.rotors} >= {240.0, 480.0, 290.0, 580.0}
-    assert quiet is not None
-    assert quiet.rotors == []
-
-
-def test_a_line_that_may_be_folded_is_not_labelled_and_samples_with_a_gap_have_no_spectrum() -> None:
-    time_s = np.arange(350) / 700
-    noise = np.random.default_rng(5).normal(scale=0.01, size=(350, 3))
-    folded = spectrum_of(time_s, noise + np.sin(2 * np.pi * 641 * time_s)[:, np.newaxis])
-    assert folded is not None
-    assert folded.rotors == []
-
-    assert spectrum_of(time_s + 0.3 * (time_s > 0.3), noise) is None
-    assert spectrum_of(np.empty(0), np.empty((0, 3))) is None

@@ -31,10 +31,6 @@ RIGHTMOST = """(() => { let most = 0; const look = root => { for (const e of roo
   const box = e.getBoundingClientRect(); if (['CANVAS', 'TD', 'BUTTON'].includes(e.tagName) && box.width)
     most = Math.max(most, box.right); if (e.shadowRoot) look(e.shadowRoot) } };
   look(document); return most })()"""
-RANGE = "(time => [time.start, time.end])(Bokeh.documents[0].get_model_by_name('time'))"
-PLOT = """(() => { let found; const look = root => { for (const e of root.querySelectorAll('*')) {
-  if (e.tagName === 'CANVAS' && !found) found = e.getBoundingClientRect(); if (e.shadowRoot) look(e.shadowRoot) } };
-  look(document); return [found.x + found.width / 2, found.y + found.height / 2] })()"""
 
 
 @dataclass
@@ -131,22 +127,6 @@ def test_curves_move_for_two_viewers_and_after_a_reload_and_nothing_comes_from_e
         assert 0 < viewer.value(RIGHTMOST) <= width_px
     page.close()
     other.close()
-
-
-def test_a_zoomed_picture_stays_until_it_is_told_to_follow(show: Show) -> None:
-    page = show.open()
-    page.wait_for(f"{DRAWN} > 11")
-    page.wheel(*page.value(PLOT), delta=-400)
-    page.wait_for(f"(([begin, end]) => end - begin < 9)({RANGE})")
-    page.wait_for("[...Bokeh.documents[0]._all_models.values()].some(m => m.type === 'Toggle' && m.active)")
-    zoomed = page.value(RANGE)
-    before = page.value(FACTS)
-    page.wait_for(f"{FACTS} !== {before!r}")
-    # When a zoom overtakes a picture, the axis is sent again, its last digit changed, since equal values are not sent.
-    assert page.value(RANGE) == pytest.approx(zoomed, rel=1e-12)
-    page.value("[...Bokeh.documents[0]._all_models.values()].find(m => m.type === 'Toggle').active = false")
-    page.wait_for(f"{RANGE}[1] > {zoomed[1]} + 1")
-    page.close()
 
 
 def test_no_other_page_stops_the_motors(show: Show) -> None:

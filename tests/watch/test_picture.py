@@ -74,11 +74,3 @@ def test_a_zoom_pauses_at_its_place_and_another_span_follows_again(view: View) -
     view.turn()
     assert not view.pause.active
     assert view.time.end - view.time.start == pytest.approx(60.0)
-
-
-def test_nothing_is_read_for_nobody(view: View, tmp_path: Path) -> None:
-    run = view.shown.run
-    view.shown.viewers = 0
-    swing(tmp_path, seconds=30)
-    view.turn()
-    assert view.shown.run is run

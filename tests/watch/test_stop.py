@@ -5,12 +5,7 @@ import json
 import re
 import signal
 import socket
-import subprocess
-import sys
-import threading
-import time
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -19,7 +14,6 @@ import pytest
 from cfid.watch.door import Door
 from cfid.watch.live_run import ShownRun
 from cfid.watch.stop import MotorStop, StopReport
-from tests.cli.test_foreign_modules import planted
 from tests.flying_in_a_folder import Bench, Pilot, bench_in
 from tests.rig_in_a_folder import wait_until
 
@@ -79,31 +73,6 @@ def press(port: int, token: str = "") -> dict[str, object]:
 
 
 @contextmanager
-def loading(port: int, clients: int) -> Iterator[list[int]]:
-    """Let clients load the plots of a page again and again, each with the headers of the page's own browser.
-
-    Yield the statuses of the answers.
-    """
-    ended, statuses = threading.Event(), list[int]()
-
-    def load() -> None:
-        while not ended.is_set():
-            try:
-                statuses.append(ask(port, "GET", PLOTS, Sec_Fetch_Site="same-origin")[0])
-            except OSError:
-                time.sleep(0.05)
-
-    with ThreadPoolExecutor(clients) as threads:
-        for _ in range(clients):
-            threads.submit(load)
-        try:
-            time.sleep(1.0)
-            yield statuses
-        finally:
-            ended.set()
-
-
-@contextmanager
 def two_benches(folder: Path) -> Iterator[tuple[Bench, Bench]]:
     """Open two campaigns on one computer, with a vehicle each."""
     folders = folder / "shown", folder / "other"
@@ -154,21 +123,6 @@ def test_the_vehicles_of_all_runs_that_are_recorded_in_the_campaign_are_stopped(
     assert stopped == [bench.uri, other.uri], answer  # a busy computer's page also names the process that still writes
 
 
-def test_page_loads_prevent_no_stop(tmp_path: Path) -> None:
-    """Stock firmware goes on with its motors whatever happens to the program that drives them."""
-    with bench_in(tmp_path, crazyflie={"firmware": "stock"}) as bench:
-        recorder = driving(bench)
-        with watching(bench) as port:
-            token = token_of(port)
-            with loading(port, clients=30) as statuses:
-                assert any(bench.motors)
-                answer = press(port, token)
-                assert not any(bench.motors)
-        recorder.end()
-    assert answer["stopped"], answer
-    assert 0 < statuses.count(200) <= 16  # the others are refused, so that the page itself still works
-
-
 def test_a_stop_waits_for_no_page_load() -> None:
     """Here no load is ever answered, as by a page that hangs."""
     door = Door(0)
@@ -198,27 +152,6 @@ class AtOnce(MotorStop):
         return StopReport(True, "confirmed")
 
 
-def test_a_vehicle_that_another_program_drives_for_no_run_here_is_named_and_never_stopped(tmp_path: Path) -> None:
-    with two_benches(tmp_path) as (bench, other):
-        rig = bench.folder / "rig.toml"
-        rig.write_text(rig.read_text().replace(f"uri = '{bench.uri}'", ""))  # as where a radio finds the vehicle
-        pilot = other.start("motors", "set", 30000, "--yes")
-        pilot.wait_until_motors_run()
-        with watching(bench) as port:
-            without_run = press(port)
-            assert bench.start("log", "gyro", "--for", 0.3, "--uri", bench.uri).end() == 0
-            facts = facts_of(port)
-            with_run = press(port)
-        assert any(other.motors)
-        pilot.send(signal.SIGINT)
-        assert pilot.end() == 0, pilot.err
-    assert not without_run["stopped"]
-    assert f"cfid motors stop --uri {other.uri}" in str(without_run["text"])
-    assert named(bench.uri) in facts
-    assert with_run["stopped"], with_run
-    assert str(with_run["text"]).startswith(f"{bench.uri}: motors stopped")
-
-
 BROKEN, NOBODYS = "[vehicle\n", f"[devices.crazyflie]\nuri = '{NOBODY}'\n"
 SINE = ("log", "sine", "--l", 100, "--n", 12000, "--yes")  # of which crossings, log and supervisor name the vehicle
 
@@ -244,22 +177,3 @@ def test_the_vehicle_of_the_run_is_named_and_stopped_whatever_any_rig_toml_state
         recorder.end()
     assert named(bench.uri) in facts
     assert answer["stopped"], answer
-
-
-def test_the_stop_runs_no_file_of_the_folder_that_bears_the_name_of_a_module(tmp_path: Path) -> None:
-    with bench_in(tmp_path) as bench:
-        recorder = driving(bench)
-        ran = planted(bench.folder)
-        words = [sys.executable, "-P", "-m", "cfid.cli.main", "watch"]
-        with subprocess.Popen(
-            words, cwd=bench.folder, env=bench.environment, stderr=subprocess.PIPE, text=True
-        ) as watcher:
-            assert watcher.stderr is not None
-            address = re.search(r":(\d+)/", watcher.stderr.readline())
-            assert address is not None
-            answer = press(int(address[1]))
-            watcher.send_signal(signal.SIGINT)
-        assert answer["stopped"], answer
-        assert not any(bench.motors)
-        recorder.end()
-    assert not ran.exists()

@@ -1,7 +1,5 @@
 """The bytes of the services: the C structs of the thesis, written out by hand, followed by what the app appends."""
 
-import math
-import struct
 from collections.abc import Callable
 from typing import Any
 
@@ -60,14 +58,6 @@ def test_a_sine_request_has_the_bytes_of_the_thesis_struct(request_: SineRequest
     assert app.encode_sine(request_, owner=258) == bytes.fromhex(golden + "02010000")
 
 
-def test_omega_travels_as_a_float32() -> None:
-    omega = app.omega_of(12, 4000)
-    assert omega == pytest.approx(2 * math.pi * 12 / 4000)
-    (received,) = struct.unpack("<f", app.encode_sine(SineRequest(1, 20000, omega, 4000))[4:8])
-    assert received != omega
-    assert received == pytest.approx(omega, rel=6e-8)
-
-
 @pytest.mark.parametrize(("decode", "golden", "record"), ANSWERS)
 def test_an_answer_is_read_field_by_field_and_in_no_other_length(
     decode: Callable[[bytes], Any], golden: str, record: Any
@@ -84,11 +74,3 @@ def test_a_keep_alive_has_a_number_and_its_owner_and_a_state_the_bytes_that_are_
     assert app.encode_alive(258, owner=1) == bytes.fromhex("02010000 01000000")
     _, golden, state = ANSWERS[-1]
     assert app.encode_state(state) == bytes.fromhex(golden)
-
-
-def test_an_empty_ping_is_answered_with_nothing_and_any_other_with_the_time() -> None:
-    assert app.encode_ping_answer(b"", 5) == b""
-    assert app.encode_ping_answer(b"\x01\x02", 1_000_000) == bytes.fromhex("0102 40420f0000000000")
-    assert app.decode_ping_answer(b"\x01\x02", bytes.fromhex("0102 40420f0000000000")) == 1_000_000
-    assert app.decode_ping_answer(b"\x01\x03", bytes.fromhex("0102 40420f0000000000")) is None
-    assert app.decode_ping_answer(b"", b"") is None

@@ -30,12 +30,6 @@ def test_every_packet_that_real_firmware_and_cflib_exchanged_is_read() -> None:
     assert all(packet and crtp.encode_packet(packet).hex() == text for packet, text in sent)
 
 
-@pytest.mark.parametrize("packet", [Packet(16, 0, b""), Packet(0, 4, b""), Packet(0, 0, bytes(31)), Packet(-1, 0, b"")])
-def test_what_is_no_packet_is_not_encoded(packet: Packet) -> None:
-    with pytest.raises(ValueError, match="no CRTP packet"):
-        crtp.encode_packet(packet)
-
-
 def test_an_echo_of_ours_is_told_from_cflibs_own() -> None:
     assert len(crtp.encode_echo(7)) == 9
     assert crtp.encode_echo(7)[0] != 0

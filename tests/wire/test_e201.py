@@ -97,24 +97,11 @@ def test_a_reply_that_is_no_position_is_rejected(wire: bytes) -> None:
     assert (reader.rejected, reader.errors) == (1, 0)
 
 
-def test_errors_and_names_are_counted() -> None:
-    reader = PositionReader(word_bits=22)
-    assert reader.feed(b"Error\r5:1\rE201-9S v1.20\rSSI ERROR: no power\r6:2\r") == [(5, 1), (6, 2)]
-    assert (reader.rejected, reader.errors, reader.names) == (2, 2, 1)
-
-
 @pytest.mark.parametrize("missed", range(1, len(b"4194047:123456")))
 def test_a_first_reply_whose_beginning_was_missed_costs_none_of_those_after_it(missed: int) -> None:
     reader = PositionReader(word_bits=22)
     reader.feed(b"4194047:123456\r"[missed:])
     assert reader.feed(b"512:1\r513:2\r") == [(512, 1), (513, 2)]
-
-
-@pytest.mark.parametrize(("stamped", "strange"), [(True, b"514\r"), (False, b"514:1\r")])
-def test_a_reader_that_is_told_the_form_takes_no_other_even_at_first(stamped: bool, strange: bytes) -> None:
-    reader = PositionReader(word_bits=22, stamped=stamped)
-    assert reader.feed(strange + b"1:2\r3\r" + strange) == [(1, 2) if stamped else (3, None)]
-    assert reader.rejected == 3
 
 
 def test_endless_input_without_an_end_is_one_rejected_reply_and_not_remembered() -> None:

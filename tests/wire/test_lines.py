@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cfid.wire.lines import LONGEST_LINE, LineReader, Value, checksum, printable
+from cfid.wire.lines import LONGEST_LINE, LineReader, Value, printable
 from tests.wire.pieces import FEW, flipped, sliced, slicings
 
 TWO = (Value(whole=True), Value())
@@ -51,30 +51,6 @@ def test_anything_else_is_counted_and_left_out(line: bytes) -> None:
     assert read(GOOD + line + b"\n" + GOOD) == ([(1024, -3.5)] * 2, 1)
 
 
-def test_a_pattern_finds_its_groups_in_what_scales_print() -> None:
-    values, pattern = (Value(), Value(used=False)), r"[SU][TS],GS,([+-] *[0-9.]+|[+-]?[0-9.]+) *(g|kg)"
-
-    assert read(b"ST,GS,+0123.4 g\r\nOL\r\n", values=values, pattern=pattern) == ([(123.4,)], 1)
-
-
-@pytest.mark.parametrize(
-    ("line", "pattern", "found"),
-    [
-        (b"ST,GS,+0012,3 g", r"ST,GS,\s*([+-][0-9.,]+) *g", 12.3),
-        (b"ST,GS,-    0.47 g", r"ST,GS,([+-] *[0-9.]+) *g", -0.47),
-        ("7,-0.47\N{DEGREE SIGN}".encode(), r"7,(-?[0-9.]+).*", -0.47),
-        ("-0,47\N{DEGREE SIGN}".encode(), "(-?[0-9,]+)\N{DEGREE SIGN}", -0.47),
-        ("-0.47\N{DEGREE SIGN}".encode("latin-1"), "(-?[0-9.]+)\N{DEGREE SIGN}", -0.47),
-        (b"1,234.5 g", r"([0-9.,]+) g", None),
-    ],
-)
-def test_a_group_may_have_a_decimal_comma_and_its_line_degree_signs(
-    line: bytes, pattern: str, found: float | None
-) -> None:
-    expected = ([], 1) if found is None else ([(found,)], 0)
-    assert read(line + b"\n", values=(Value(),), pattern=pattern) == expected
-
-
 @pytest.mark.parametrize("line", [b"27206000;27,136", b"27206000; 27,136", b"27206000\t27,136"])
 def test_a_comma_beside_semicolons_or_tabs_is_a_decimal_comma(line: bytes) -> None:
     assert read(line + b"\n") == ([(27206000, 27.136)], 0)
@@ -96,10 +72,6 @@ def test_the_first_line_may_have_lost_its_beginning_and_is_dropped() -> None:
     assert reader.rejected == 0
     reader.forget()
     assert reader.feed(b"4,-3.5\r\n" + GOOD) == [(1024, -3.5)]
-
-
-def test_after_a_line_with_a_checksum_all_need_one() -> None:
-    assert read(GOOD + b"1024,-3.5*2E\n" + GOOD) == ([(1024, -3.5)] * 2, 1)
 
 
 @pytest.mark.parametrize("damaged", flipped(b"1024,-3.5*2E"))
@@ -125,8 +97,3 @@ def test_junk_never_fails_and_a_line_without_end_takes_no_memory(data: bytes) ->
     assert len(pickle.dumps(reader)) < 2000
     assert printable(reader.last_rejected).isprintable()
     assert reader.feed(b"\n" + GOOD)[-1:] == [(1024, -3.5)] or b"*" in data
-
-
-def test_the_checksum_is_that_of_nmea_0183() -> None:
-    # The widely copied example of the standard, whose line contains its checksum.
-    assert checksum(b"GPGLL,5300.97914,N,00259.98174,E,125926,A") == 0x28

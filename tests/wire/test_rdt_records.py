@@ -46,24 +46,10 @@ def test_a_request_is_its_header_command_and_count(request_: Request, data: str)
     assert decode_request(bytes.fromhex(data)) == request_
 
 
-@pytest.mark.parametrize(
-    "data", ["", "1234 0002 000000", "1234 0002 00000001 00", "3412 0002 00000001", "1235 0002 00000001"]
-)
-def test_what_is_no_request_is_told(data: str) -> None:
-    assert decode_request(bytes.fromhex(data)) is None
-
-
 @pytest.mark.parametrize(("data", "records"), BLOCKS)
 def test_a_block_is_its_records_field_by_field(data: str, records: list[tuple[int, int, int, tuple[int, ...]]]) -> None:
     np.testing.assert_array_equal(decode_records(bytes.fromhex(data)), np.array(records, RECORD), strict=True)
     assert encode_records(np.array(records, RECORD)) == bytes.fromhex(data)
-
-
-def test_what_was_decoded_does_not_change_with_the_buffer_it_came_from() -> None:
-    buffer = bytearray(range(36))
-    records = decode_records(buffer)
-    buffer[:] = bytes(36)
-    assert records["rdt_sequence"].tolist() == [0x00010203]
 
 
 def test_a_datagram_is_a_block_when_it_holds_1_to_40_whole_records() -> None:

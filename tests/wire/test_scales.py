@@ -1,7 +1,5 @@
 """Lines of scales in any slicing and with any damage: only a whole line of a known form is a weight."""
 
-import pickle
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -73,22 +71,6 @@ def test_a_first_line_whose_beginning_was_missed_is_never_another_weight(
         weights = reader.feed((line + end)[missed:] + (line + end) * 2)
         assert weights == [read_weight(line)] * 2
         assert reader.rejected == (missed < len(line))
-
-
-def test_endless_input_without_an_end_is_not_remembered() -> None:
-    reader = ScalesReader()
-    for _ in range(100):
-        reader.feed(b"7" * 10_000)
-        assert len(pickle.dumps(reader)) < 500
-    assert reader.feed(b"\nST,GS,+1 g\n") == [Weight(1.0, True)]
-    assert reader.rejected == 1
-
-
-def test_once_lines_have_heads_one_without_has_lost_its_own() -> None:
-    reader = ScalesReader()
-    reader.feed(b"ST,GS,+0001.23 kg\r\n")
-    assert reader.feed(b"1.23 kg\r\nUS,GS,\r 1.23 kg\r\n") == []
-    assert reader.rejected == 3
 
 
 @pytest.mark.parametrize("line", HEADED)

@@ -59,11 +59,6 @@ def test_a_word_has_whether_the_vehicle_is_armed_and_by_whom() -> None:
     assert found == [(True, True), (False, False), (False, True)]
 
 
-@pytest.mark.parametrize("payload", ["", "8c", "8c0e", "8c0e0200", "810e02", "8b0e02"])
-def test_any_other_payload_is_no_state(payload: str) -> None:
-    assert decode_state(bytes.fromhex(payload)) is None
-
-
 def test_the_requests_are_those_of_the_firmware() -> None:
     assert Packet(9, 0, b"\x0c") == ASK_STATE
     assert Packet(7, 1, bytes(5)) == RELAX_SETPOINT
