@@ -14,7 +14,7 @@ from cfid.records.rig_file import new_rig_text
 from cfid.records.run import amend_run
 from tests.export.reading import TARGETS, macros
 from tests.export.thesis_vehicle import section, sections
-from tests.lab import Cfid, keep, keep_instead, made_run, new_campaign
+from tests.lab import ROOT, Cfid, keep, keep_instead, made_run, new_campaign
 
 
 @pytest.fixture
@@ -188,6 +188,12 @@ def test_the_list_names_every_target_what_it_has_and_what_gives_the_rest(cfid: C
     rows = {row["target"]: row for row in full["targets"]}
     lag = {"keys": "dynamics.rising + dynamics.falling or tf.time_constant_s", "known": True}
     assert lag.items() <= rows["rotorpy"]["needs"][-1].items()
+
+
+def test_the_reference_lists_every_target_and_its_file() -> None:
+    page = (ROOT / "docs" / "reference" / "exports.md").read_text()
+
+    assert all(f"| `{name}` | `{target.file_name}` |" in page for name, target in TARGETS.items())
 
 
 def test_the_json_has_the_covariances_of_numbers_that_depend_on_each_other(cfid: Cfid, campaign: Path) -> None:

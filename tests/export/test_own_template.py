@@ -1,11 +1,13 @@
 """A campaign's own template is a target too; what others wrote into one reads no file and ends in time."""
 
 import json
+import textwrap
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from jinja2 import TemplateError
 
 from cfid.errors import DataError
@@ -13,7 +15,7 @@ from cfid.export.derived import Derived, Motor
 from cfid.export.render import rendered
 from cfid.export.target import target_named
 from tests.export.thesis_vehicle import section, sections, vehicle
-from tests.lab import Cfid, keep, keep_instead, new_campaign
+from tests.lab import ROOT, Cfid, keep, keep_instead, new_campaign
 
 HEAD = """{#
 about = "Robot of our own"
@@ -48,6 +50,19 @@ def test_a_template_in_the_campaign_is_exported_by_its_name_in_the_targets_axes(
     assert text.endswith("\nmass: 0.028\nroll: 1.6655602e-05\ndrag: True\n")
     rows = json.loads(cfid("export", "list", "--json").stdout)["targets"]
     assert [row["ready"] for row in rows if row["target"] == "mine"] == [True]
+
+
+def test_the_template_of_the_how_to_is_exported(cfid: Cfid, campaign: Path) -> None:
+    page = (ROOT / "docs/how-to/add-an-export.md").read_text()
+    (campaign / "exports" / "mine.j2").write_text(
+        textwrap.dedent(page[page.index("        {#") : page.index("    `needs`")])
+    )
+    ended = cfid("export", "mine", "--out", "-")
+    assert ended.returncode == 0, ended.stderr
+    robot = yaml.safe_load(ended.stdout)
+
+    assert list(robot) == ["mass", "inertia", "motor1", "motor2", "motor3", "motor4", "lag"]
+    assert robot["motor1"] == pytest.approx([0.0325269, -0.0325269, 0], rel=1e-5)
 
 
 def test_it_refuses_as_other_targets_do(cfid: Cfid, campaign: Path) -> None:
