@@ -26,7 +26,6 @@ from tests.virtual_command import Command, Keyboard, PausingClock
 
 LOADCELL_HZ = 700
 UNIX_S = 1_763_712_345.0
-CLIENT = ("192.0.2.77", 9)  # another program of the vehicle
 
 
 class Pilot(Command):

@@ -65,12 +65,6 @@ def unstated(rng: np.random.Generator) -> Points:
     )
 
 
-def gusty(rng: np.random.Generator) -> Points:
-    """Return a staircase whose thrusts vary twice as much between windows as within them."""
-    points = stated(rng)
-    return points.assign(thrust_n=points["thrust_n"] + 2 * THRUST_STD_N * rng.standard_normal(len(COMMAND)))
-
-
 def all_but_square(rng: np.random.Generator) -> Points:
     """Return a staircase on whose thrust the firmware's constraint is active in every second fit."""
     points = stated(rng)
@@ -118,7 +112,6 @@ def correlations(covariance: Array) -> Array:
     [
         pytest.param(stated, STAIRCASES, marks=pytest.mark.slow),
         pytest.param(unstated, STAIRCASES, marks=pytest.mark.slow),
-        pytest.param(gusty, STAIRCASES, marks=pytest.mark.slow),
         (all_but_square, 150),
     ],
 )
@@ -171,14 +164,3 @@ def test_speed_over_command_and_thrust_over_speed_covary_by_the_speeds_error(poi
     print(f"correlation {np.mean(correlation):.2f}, of the fits {scatter:.2f}")
     assert scatter < -0.1
     assert np.mean(correlation) == pytest.approx(scatter, abs=0.1)
-
-
-def test_a_joint_covariance_is_that_of_a_distribution() -> None:
-    for seed in range(20):
-        one = stated(np.random.default_rng(seed))
-        voltage = compare_thrust(one)
-        thrust, over_speed = fit_map("thrust", one), fit_thrust_of_speed(one)
-        (block,) = covariances(
-            thrust, most=maximum_thrust(thrust, gravity_mps2=9.81), voltage=voltage, over_speed=over_speed
-        )
-        assert np.linalg.eigvalsh(correlations(np.array(block.matrix)))[0] > -1e-9

@@ -13,14 +13,12 @@ from matplotlib.figure import Figure
 
 from cfid.estimate.staircase import Staircase, reduce_staircase
 from cfid.motors.maps.data import Reduced
-from cfid.motors.maps.estimation import compare_thrust, fit_map, fit_thrust_of_speed
+from cfid.motors.maps.estimation import compare_thrust, fit_map
 from cfid.motors.maps.figures import (
     map_figure,
-    speed_thrust_figure,
     staircase_figure,
     voltage_figure,
 )
-from cfid.motors.maps.scales import verify_thrust
 from cfid.motors.panels import scientific
 from cfid.motors.points import Points, frame
 from cfid.motors.vibration.figures import rotor_figure
@@ -175,25 +173,6 @@ def test_a_maps_points_curve_and_residuals_are_its_own(look: Look) -> None:
     assert page.overlapping() == []
 
 
-def test_a_second_instrument_is_a_set_of_its_own(look: Look) -> None:
-    mapped = fit_map("thrust", _points())
-    command = np.array([0.0, 16000.0, 32000.0, 64000.0])
-    seen = verify_thrust(mapped, command=command, thrust_n=mapped.fit.at(command) * (command > 0) + 1e-3)
-    page = look(map_figure(mapped, verification=seen))
-    assert _line(page.panel("(a)"), "verification")[1] == pytest.approx(seen.thrust_n)
-    assert np.array(_line(page.panel("(b)"), "verification")) == pytest.approx(np.array([command, seen.difference_n]))
-    assert "0.001 N" in _written(page)
-    assert page.overlapping() == []
-
-
-def test_a_point_that_counts_little_is_hollow(look: Look) -> None:
-    mapped = fit_map("thrust", _points(wild=(32000,)))
-    page = look(map_figure(mapped))
-    assert _line(page.panel("(a)"), "counts little")[0] == pytest.approx([32000])
-    assert len(_line(page.panel("(a)"), "points ± standard uncertainty")[0]) == len(mapped.x) - 1
-    assert page.overlapping() == []
-
-
 def test_doubts_of_a_map_are_red(look: Look) -> None:
     points = _points()
     twice = np.where(np.isin(points["command"], (20000, 40000)), 2.0, 1.0)
@@ -219,24 +198,6 @@ def test_a_small_value_shares_its_power_of_ten_with_its_deviation(value: float, 
 
 
 # Thrust over speed and over voltage
-
-
-def test_thrust_over_speed_has_both_forms_and_what_they_leave(look: Look) -> None:
-    found = fit_thrust_of_speed(_points())
-    page = look(speed_thrust_figure(found))
-    speed, square = _line(page.panel("(a)"), "k w²")
-    assert square == pytest.approx(found.k_n_s2 * speed**2)
-    assert _line(page.panel("(a)"), "full quadratic")[1] == pytest.approx(found.quadratic.at(speed))
-    assert np.array(_line(page.panel("(a)"), "points ± standard uncertainty")) == pytest.approx(
-        np.array([found.speed_rad_s, found.thrust_n])
-    )
-    assert _line(page.panel("(b)"), "left by k w²")[1] == pytest.approx(found.square.residual)
-    assert _line(page.panel("(b)"), "left by quadratic")[1] == pytest.approx(found.quadratic.residual)
-    bars = [line for line in page.panel("(b)").collections if isinstance(line, LineCollection)]
-    drawn = [np.ptp(np.asarray(bar)[:, 1]) / 2 for one in bars for bar in one.get_segments()]
-    assert drawn == pytest.approx([*found.square.point_std, *found.quadratic.point_std])
-    assert "N s²" in _written(page)
-    assert page.overlapping() == []
 
 
 def test_voltage_and_command_stand_side_by_side_with_their_errors(look: Look) -> None:

@@ -177,18 +177,6 @@ def test_figures_are_drawn_beside_the_parameters(cfid: Cfid, campaign: Path) -> 
     assert f"fit_thrust_{run.folder.name}.svg" in names
 
 
-@pytest.mark.skipif(not DATA.exists(), reason="the public thrust-stand records are not here (CFID_DATA)")
-def test_public_records_give_their_known_figures_or_are_refused(cfid: Cfid, tmp_path: Path) -> None:
-    table = content_of(cfid, "fit", "speed", "--table", DATA / "bitcraze_2015" / "cf20_pwm_thrust_2015.csv")
-    k = table["parameters"]["motor.thrust_per_speed_squared_n_s2"]["value"]
-    assert k == pytest.approx(2.22e-8, rel=0.005)
-    steps = content_of(cfid, "fit", "thrust", "--table", DATA / "bitcraze_2021" / "cf21_stock2.csv")
-    assert 1.88e-8 < steps["parameters"]["motor.thrust_per_speed_squared_n_s2"]["value"] < 2.04e-8
-    ramp = cfid("fit", "thrust", "--table", str(DATA / "bitcraze_2021" / "cf2.1-stock-prop.csv"), "--no-figures")
-    assert ramp.returncode in (4, 5)
-    assert "settles" in ramp.stderr
-
-
 def test_rotor_speeds_are_heard_in_the_vibration(cfid: Cfid, campaign: Path) -> None:
     steps = (10000, 30000, 60000)
     run = write_run(campaign, climbed(steps, motors=(1,), rate_hz=3500.0, hold_s=4.0), steps=steps)
@@ -238,23 +226,6 @@ def test_speeds_that_the_vehicle_told_beside_the_load_cell_are_taken(cfid: Cfid,
     k = content["parameters"]["motor.thrust_per_speed_squared_n_s2"]["value"]
 
     assert k == pytest.approx(TRUTH.thrust_ns2_per_rad2, rel=0.01)
-
-
-def test_the_figure_of_steps_is_drawn(cfid: Cfid, tmp_path: Path) -> None:
-    time_s = np.arange(0, 6, 0.01)
-    command = 10000 + 5000 * time_s.astype(int)
-    rpm = np.empty_like(time_s)
-    level = 8000.0
-    for i, goal in enumerate(0.4 * command + 4000):
-        level += 0.1 * (goal - level)
-        rpm[i] = level
-    table = tmp_path / "steps.csv"
-    rows = zip(time_s, command, rpm, strict=True)
-    table.write_text("t,pwm,rpm_mean\n" + "".join(f"{t:.2f},{c},{r:.3f}\n" for t, c, r in rows))
-    said = cfid("fit", "dynamics", "--table", str(table), "--out", str(tmp_path / "drawn"))
-
-    assert said.returncode == 0, said.stderr
-    assert (tmp_path / "drawn" / "fit_dynamics_steps.png").exists()
 
 
 # Faulty input
@@ -314,14 +285,6 @@ def test_a_saturated_load_cell_is_told(cfid: Cfid, campaign: Path) -> None:
     said = cfid("fit", "thrust", str(run.folder), "--campaign", str(campaign), "--no-figures")
     assert said.returncode == 4
     assert "saturated" in said.stderr
-
-
-def test_a_missing_command_is_told(cfid: Cfid, campaign: Path) -> None:
-    steps = tuple(step for step in STEPS if step != 20000)
-    run = write_run(campaign, climbed(steps), steps=STEPS)
-    said = cfid("fit", "thrust", str(run.folder), "--campaign", str(campaign), "--no-figures")
-    assert said.returncode == 0
-    assert "command 20000 is missing" in said.stderr
 
 
 @pytest.mark.parametrize(

@@ -123,17 +123,6 @@ def test_order_auto_takes_what_the_points_have() -> None:
     assert fit_speed(noisy(5), order="auto").fit.order == 1
 
 
-def test_a_wild_window_and_impossible_uncertainties_hardly_move_the_map() -> None:
-    points = noisy(6)
-    wild = fit_thrust(points.assign(thrust_n=np.where(COMMANDS == 30000, 0.0, points["thrust_n"])))
-    std = np.full(len(COMMANDS), 1e-4)
-    std[3], std[4] = 0.0, math.nan
-
-    assert wild.fit.at(COMMANDS[1:]) == pytest.approx(fit_thrust(points).fit.at(COMMANDS[1:]), rel=5e-3)
-    assert wild.command[wild.fit.weight < 0.34].tolist() == [30000]
-    assert np.all(np.isfinite(fit_thrust(points.assign(thrust_std_n=std)).fit.std))
-
-
 def test_uncertainties_of_the_thrust_count_in_the_torque_map_and_its_sign_does_not() -> None:
     points = noisy(8)
     torque = fit_torque(points)

@@ -15,7 +15,7 @@ import pytest
 
 from cfid.estimate.polynomials import PolynomialFit
 from cfid.estimate.staircase import Point, reduce_staircase
-from cfid.motors.maps.estimation import THRUST_ORDER, VoltageComparison, compare, fit_map
+from cfid.motors.maps.estimation import fit_map
 from cfid.motors.points import Points, points_of
 from cfid.sim.loadcell import LoadCellTruth
 from cfid.sim.propulsion import NOMINAL_V, BatteryTruth, RotorTruth
@@ -116,56 +116,3 @@ def test_the_thrust_map_of_a_short_staircase_is_true_where_its_noise_is_as_dense
 
     assert high < 0.3
     assert low < 0.6
-
-
-# A battery that sags
-
-
-def judged(found: Reduced) -> VoltageComparison:
-    """Compare plain cubics of motor voltage and of command; the battery is read in each window with 5 mV of noise.
-
-    The simulated motor's thrust over voltage bends down, so a cubic that the firmware can invert is less close: it
-    departs by up to 1 % of the largest thrust (test_monotone_cubic.py).
-    """
-    record, rng = found.record, np.random.default_rng(1)
-    read_v = record.volts + 0.005 * rng.standard_normal(len(record.volts))
-    late_s = [point.delay_s or 0.0 for point in found.steady]
-    inside = [
-        slice(*np.searchsorted(record.tick_s, (point.begin_s - late, point.end_s - late)))
-        for point, late in zip(found.steady, late_s, strict=True)
-    ]
-    volts = np.array([read_v[window].mean() for window in inside])
-    return compare(found.points.assign(vbat_v=volts), order=THRUST_ORDER)
-
-
-def voltage_off_percent(found: VoltageComparison) -> float:
-    """Return the largest error of the voltage form in percent, above a quarter of the largest thrust."""
-    volts = np.linspace(found.motor_volts.min(), found.motor_volts.max(), 200)
-    truth = thrust_n(volts / NOMINAL_V * 65535)
-    off = 100 * np.abs(found.by_voltage.at(volts) / truth - 1)
-    return float(off[truth > 0.25 * truth[-1]].max())
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("commands", [UP, UP + UP[-2::-1]], ids=["up", "up and down"])
-def test_on_a_sagging_battery_the_voltage_form_of_a_full_staircase_is_true_within_0_5_percent(
-    commands: tuple[int, ...],
-) -> None:
-    found = reduced(commands, battery="lipo", seed=7)
-    comparison = judged(found)
-    off = voltage_off_percent(comparison)
-    sag = found.record.volts
-    print(f"{sag.max():.2f} to {sag.min():.2f} V: voltage form off by at most {off:.3f} %; {comparison.lines[0]}")
-
-    assert off < 0.5
-    assert comparison.better == "voltage"
-
-
-def test_on_a_sagging_battery_a_short_staircase_prefers_the_voltage_too() -> None:
-    commands = UP[::2] + UP[-3::-2]
-    comparison = judged(
-        reduced(commands, motors=(1, 2, 3, 4), hold_s=3, rest_s=1, rate_hz=1000, quieter=4.8, battery="lipo")
-    )
-
-    assert voltage_off_percent(comparison) < 0.5
-    assert comparison.better == "voltage"

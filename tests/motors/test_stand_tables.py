@@ -17,7 +17,6 @@ from cfid.errors import ConfigError, DataError, FitError
 from cfid.motors.data import reduce_speeds
 from cfid.motors.maps import fit_speed, fit_thrust
 from cfid.motors.maps.data import Stand
-from cfid.motors.rotor import fit as fit_dynamics
 from cfid.recordings.stand import read_stand, stand_of
 from cfid.records.plausibility import judged
 from cfid.records.result import Result
@@ -74,11 +73,6 @@ def test_a_stand_s_head_or_the_motors_option_divides_thrust_and_torque_alike(cfi
         assert asked.returncode == 2
         assert "--motors" in asked.stderr
     assert_one_motors(cfid, path, "--motors", 4)
-
-
-def test_thrust_and_torque_without_a_command_give_the_slope_between_them(cfid: Cfid, tmp_path: Path) -> None:
-    path = table(tmp_path / "pairs.csv", "thrust_n,torque_nm", THRUST_N, ARM_M * THRUST_N)
-    assert parameters(cfid, "torque", path)["motor.torque_poly"]["value"][0] == pytest.approx(ARM_M, rel=1e-6)
 
 
 def test_a_torque_of_four_motors_beside_the_thrust_of_one_reaches_no_firmware(cfid: Cfid, tmp_path: Path) -> None:
@@ -389,16 +383,6 @@ def test_a_stretch_in_which_the_load_cell_was_dead_costs_only_its_steps(tmp_path
     assert any("'Thrust (N)' is no number in 167 of 1120 rows" in finding.text for finding in result.findings)
 
 
-@pytest.mark.parametrize(("times", "kept"), [(1.0, True), (20.0, False)])
-def test_time_constants_of_seconds_are_rejected_with_the_unit_of_the_times(
-    tmp_path: Path, times: float, *, kept: bool
-) -> None:
-    one = sweep()
-    result = fit_dynamics(write(tmp_path, one._replace(time_s=times * one.time_s)))
-    assert ("dynamics.rising" not in result.rejected) is kept
-    assert ("implausible" in [finding.code for finding in result.findings]) is not kept
-
-
 @pytest.mark.parametrize("rate_hz", [10, 100])
 def test_a_table_of_exact_plateaus_gives_its_own_curve(tmp_path: Path, rate_hz: int) -> None:
     time_s = np.arange(76 * rate_hz) / rate_hz
@@ -420,16 +404,6 @@ def test_a_larger_motor_than_a_vehicle_has_is_implausible_in_the_vehicle_s_campa
     assert cfid("fit", "thrust", path, "--no-figures").returncode == 0
     campaign = new_campaign(tmp_path / "lab").folder
     assert cfid("fit", "thrust", path, "--campaign", campaign, "--no-figures").returncode == 5
-
-
-def test_a_script_s_log_whose_rows_leave_out_the_last_columns_gives_the_rotor_s_lag(tmp_path: Path) -> None:
-    table = write(tmp_path, sweep())
-    head, rest = table.read_text().split("\n", 1)
-    table.write_text(f"{head}App message,90% settling time (s),Max acceleration (RPM/s),\n{rest}")
-    steps = fit_dynamics(table).quantities["dynamics.time_constant_s"].value
-    assert isinstance(steps, list)
-    lags_s = [step["time_constant_s"] for step in steps if step["rising"]]
-    assert lags_s == pytest.approx([LAG_S] * len(lags_s), rel=0.05)
 
 
 def test_an_imported_stand_gives_what_its_file_gives_to_the_last_bit(cfid: Cfid, tmp_path: Path) -> None:

@@ -80,19 +80,6 @@ def test_a_voltage_that_falls_with_commands_held_once_cannot_be_separated_and_a_
         assert codes(compare(by_voltage(up, vbat), order=3)) == {}
 
 
-def test_a_command_is_judged_by_points_that_have_not_seen_it() -> None:
-    """Commands 1e4 to 5e4 have slope one, with 10 added at 3e4; each inner command is left out by hand."""
-    command = np.array([1e4, 2e4, 3e4, 4e4, 5e4])
-    value = command + np.array([0, 0, 10, 0, 0.0])
-    compared = compare(frame(command, thrust_n=value, vbat_v=np.full(5, 65535.0)), order=1)
-    errors = [
-        value[i] - np.polyval(np.polyfit(np.delete(command, i), np.delete(value, i), 1), command[i]) for i in (1, 2, 3)
-    ]
-    assert compared.judged == 3
-    assert compared.command_rms == pytest.approx(np.sqrt(np.mean(np.square(errors))), rel=1e-6)
-    assert compared.voltage_rms == pytest.approx(compared.command_rms, rel=1e-6)
-
-
 # The largest thrust
 
 

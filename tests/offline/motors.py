@@ -27,17 +27,6 @@ _PING_EVERY_S = 0.1
 _TIMES_A_LOG = 10  # ticks of the stand in 100 ms: the battery is logged ten times a second
 
 
-def record_chapter_3(truth: SimTruth, rng: np.random.Generator) -> list[SimulatedRun]:
-    """Record a staircase on the load cell, steps at its full rate, a tachometer, sines, and pings."""
-    return [
-        record_staircase(truth, rng, steps=STEPS, motors=MOTORS, hold_s=_HOLD_S, rest_s=_REST_S),
-        record_staircase(truth, rng, steps=QUICK_STEPS, motors=(1,), hold_s=1.5, rest_s=1.5, rate_hz=FULL_RATE_HZ),
-        speed_run(truth, rng),
-        *sine_runs(truth, rng),
-        ping_run(truth, rng),
-    ]
-
-
 def record_staircase(
     truth: SimTruth,
     rng: np.random.Generator,

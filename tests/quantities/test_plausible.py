@@ -7,7 +7,6 @@ import pytest
 
 from cfid.published import Row, tables
 from cfid.quantities.plausible import centre_fault, implausible
-from cfid.quantities.registry import Platform
 
 
 @pytest.mark.parametrize(
@@ -15,16 +14,12 @@ from cfid.quantities.registry import Platform
     [
         ("mass_kg", 28.0, "28.0 kg: grams?"),
         ("arm_m", 46.0, "46.0 m: millimetres?"),
-        ("arm_m", 4.6, "4.6 m: centimetres?"),
         ("tf.time_constant_s", 60.0, "60.0 s: milliseconds?"),
         ("motor.max_thrust_n", 150.0, "150.0 N: millinewtons?"),
         ("motor.thrust_per_speed_squared_n_s2", 2e-10, "N/rpm^2?"),
         ("inertia.matrix_kg_m2", [[16.6, 0.8, 0.7], [0.8, 16.7, 1.8], [0.7, 1.8, 29.3]], "16.6 kg m^2: kg mm^2?"),
-        ("gravity_mps2", 981.0, "981.0 m/s^2: cm/s^2?"),
         ("gravity_mps2", 1.0, "1.0 m/s^2: multiples of g?"),
         ("inertia.matrix_kg_m2", [[-1.6e-5, 0, 0], [0, 1.6e-5, 0], [0, 0, 2.9e-5]], "-1.6e-05 kg m^2."),
-        ("mass_kg", -0.028, "-0.028 kg. Expected 0.005 to 1 kg."),
-        ("motor.thrust_poly", [2.1e-9, 1e-4, 0.06], "at 65535 cmd, 15.6 N: "),
         ("motor.thrust_poly", [2.1e-8, 1e-3, 0.6], "at 65535 cmd, 156.3 N: millinewtons?"),
         ("motor.speed_poly", [0.3893, 3636.7], "at 65535 cmd, 2.91e+04 rad/s: rpm?"),
         ("motor.torque_poly", [5.96, 0.0156], "in its slope, 6.0 m: millimetres?"),
@@ -71,23 +66,14 @@ def test_vehicles_that_are_flown_pass() -> None:
     assert [implausible(key, value) for key, values in flown.items() for value in values] == [""] * 28
 
 
-def test_what_has_no_range_passes() -> None:
-    assert implausible("weight_m", 1e9) == ""
-    assert implausible("motor.thrust_poly", [None, 1.0]) == ""
-    assert implausible("dynamics.falling", [float("nan"), 1e-3]) == ""
-
-
 @pytest.mark.parametrize(
     "matrix",
     [
         [[16.6e-6, 0, 0], [0, 16.7e-6, 0], [0, 0, 33.4e-6]],
-        [[16.6e-6, 0, 0], [0, 16.7e-6, 0], [0, 0, 9e-5]],
         [[16.6e-6, 15e-6, 0], [15e-6, 16.7e-6, 0], [0, 0, 29.3e-6]],
-        [[16.6e-6, 0, 15e-6], [0, 16.7e-6, 0], [15e-6, 0, 29.3e-6]],
-        [[16.6e-6, 0, 0], [0, 16.7e-6, 15e-6], [0, 15e-6, 29.3e-6]],
         [[16.6e-6, 1e-6, 0], [2e-6, 16.7e-6, 0], [0, 0, 29.3e-6]],
     ],
-    ids=["flat beyond a plate", "far beyond it", "large xy", "large xz", "large yz", "not symmetric"],
+    ids=["flat beyond a plate", "large xy", "not symmetric"],
 )
 def test_an_inertia_matrix_that_no_body_has_is_refused(matrix: list[list[float]]) -> None:
     assert implausible("inertia.matrix_kg_m2", matrix).startswith("inertia.matrix_kg_m2 is not that of a body")
@@ -120,23 +106,3 @@ def test_axes_may_be_tilted_by_sixteen_degrees(degrees: float, refused: bool) ->
     turn = np.array([[1, 0, 0], [0, cosine, -sine], [0, sine, cosine]])
 
     assert product_is_refused(turn @ MOMENTS @ turn.T) == refused
-
-
-@pytest.mark.parametrize(("load_kg", "refused"), [(0.001, False), (0.003, False), (0.0035, True), (0.006, True)])
-def test_a_load_at_the_end_of_an_arm_may_have_a_tenth_of_the_mass(load_kg: float, refused: bool) -> None:
-    about_both = load_kg * 0.028 / (load_kg + 0.028)
-    there = 0.046 / math.sqrt(2) * np.array([1, 1, 0])
-    loaded = MOMENTS + about_both * (there @ there * np.eye(3) - np.outer(there, there))
-
-    assert product_is_refused(loaded) == refused
-
-
-@pytest.mark.parametrize("platform", ["other", "crazyflie", "cf2"])
-def test_no_body_has_an_inertia_matrix_of_zeros(platform: Platform) -> None:
-    assert implausible("inertia.matrix_kg_m2", [[0.0] * 3] * 3, platform=platform) != ""
-
-
-@pytest.mark.parametrize("platform", ["other", "cf2"])
-def test_a_matrix_with_an_unknown_number_is_not_judged(platform: Platform) -> None:
-    matrix = [[16.6e-6, None, 0.0], [None, 16.7e-6, 0.0], [0.0, 0.0, 29.3e-6]]
-    assert implausible("inertia.matrix_kg_m2", matrix, platform=platform) == ""

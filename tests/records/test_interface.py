@@ -1,18 +1,25 @@
 """The Python interface of campaigns and tables, on a campaign of simulated swings."""
 
+import json
 import subprocess
 import sys
+from datetime import timedelta
 from pathlib import Path
 
 import pytest
 
 import cfid
+from cfid.console.campaign import make_campaign
 from cfid.errors import ConfigError, FitError
 from cfid.findings import Finding, rejection, warning
+from cfid.records.files import RIG_FILE
 from cfid.records.fits import Fit, list_fits
+from cfid.records.lab_book import entries, lines, summary
 from cfid.records.parameters import Parameter, Source
 from cfid.records.result import Result
-from tests.lab import new_campaign
+from cfid.records.rig_file import LabBook, RigFacts, load_rig
+from cfid.records.run import Label, Run, read_run
+from tests.lab import STARTED, Cfid, made_run, new_campaign
 
 MASS = Parameter(value=0.028, std=1e-5, unit="kg")
 RADIUS = Parameter(value=0.023, std=1e-4, unit="m")
@@ -105,3 +112,60 @@ def test_a_recording_has_a_frame_for_each_device(bodies: Path) -> None:
     assert frame["t"].iloc[0] == 0
     assert recording.series["encoder"].column("phi").unit == "counts"
     assert recording.facts.label == run.header.label
+
+
+# The lab book
+
+
+BOOK = LabBook(operator="Kim", battery="B3", temperature_c=22.5)
+
+
+def noted_runs(folder: Path, count: int = 3, book: LabBook = BOOK) -> list[Run]:
+    columns: dict[str, dict[str, list[float]]] = {"encoder": {"t": [], "phi": []}}
+    minutes = [STARTED + timedelta(minutes=number) for number in range(count)]
+    return [made_run(folder, "swing", columns, started=at, facts=RigFacts(lab_book=book)) for at in minutes]
+
+
+def test_a_note_overrides_what_rig_toml_stated(cfid: Cfid, tmp_path: Path) -> None:
+    make_campaign(tmp_path)
+    runs = noted_runs(tmp_path)
+    for text in ("new propellers", "Battery = B4; gust=a door opened", "battery=B5"):
+        assert cfid("runs", "note", runs[0].folder, text, "--campaign", tmp_path).returncode == 0
+
+    ended = cfid("fleet", tmp_path, tmp_path, "--json")
+    book = json.loads(ended.stdout)["campaigns"][0]["lab_book"]
+
+    assert book == {
+        "operator": {"Kim": 3},
+        "battery": {"B5": 1, "B3": 2},
+        "temperature_c": {"22.5": 3},
+        "gust": {"a door opened": 1},
+    }
+
+
+def test_rig_toml_states_it_for_every_run(tmp_path: Path) -> None:
+    make_campaign(tmp_path)
+    path = tmp_path / RIG_FILE
+    path.write_text(path.read_text() + '\n[lab_book]\npropellers = "47-17"\ntemperature_c = 21.0\n')
+
+    book = load_rig(path).facts.lab_book
+    (run,) = noted_runs(tmp_path, 1, book)
+
+    assert entries(run.header) == {"propellers": "47-17", "temperature_c": "21"}
+    assert lines(summary([run])) == ["propellers: 47-17 (1 run)", "temperature_c: 21 (1 run)"]
+
+
+def test_a_note_that_is_a_sentence_is_no_entry(tmp_path: Path) -> None:
+    (run,) = noted_runs(tmp_path, 1, LabBook())
+    header = run.header.model_copy(update={"label": Label(note="the cable touched at 3 s; battery=B4; 2 + 2 = 4")})
+
+    assert entries(header) == {"battery": "B4"}
+
+
+@pytest.mark.parametrize("text", ["new props; = x", "battery=", "new props; Battery = "])
+def test_an_entry_without_key_or_value_is_refused(cfid: Cfid, tmp_path: Path, text: str) -> None:
+    make_campaign(tmp_path)
+    (run,) = noted_runs(tmp_path, 1, LabBook())
+
+    assert cfid("runs", "note", run.folder, text, "--campaign", tmp_path).returncode == 2
+    assert read_run(run.folder).header.label.note is None
