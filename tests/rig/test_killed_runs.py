@@ -26,7 +26,7 @@ def test_whenever_a_run_is_killed_it_opens_with_all_rows_but_those_of_the_last_1
     with lab_in(tmp_path) as lab:
         log = lab.start("log", device)
         log.wait_for_rows(20)
-        for number in range(30):
+        for number in range(12):
             log.go_on_for(0.0137)
             folder = shutil.copytree(lab.run().folder, tmp_path / "killed" / f"{lab.run().folder.name}{number}")
             run = read_run(folder)

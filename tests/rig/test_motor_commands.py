@@ -177,7 +177,7 @@ SCRIPT, TERMINAL = {"script": True}, {"terminal": True}
 WITH_APP = ("app", "app, Brushless")
 LATE = 0.5
 WAYS: dict[str, Way] = {
-    "time over": Way((*HOLD, "--for", 0.5), wait, 0, vehicles=BARE),
+    "time over": Way((*HOLD, "--for", 0.5), wait, 0),
     "a bug": Way(HOLD, break_program, 1),
     "Ctrl-C": Way(HOLD, request("SIGINT"), 0, vehicles=BARE),
     "Ctrl-C twice": Way(HOLD, request("SIGINT", "SIGINT"), 0),
@@ -191,13 +191,11 @@ WAYS: dict[str, Way] = {
     "link silent": Way(HOLD, vehicle(silent_after_s=0), 3, vehicles=WITH_APP),
     "link closed": Way(HOLD, vehicle(closed_after_s=0), 3, vehicles=WITH_APP),
     "link silent in a sine": Way(SINES, vehicle(silent_after_s=0), 3, vehicles=WITH_APP),
-    "battery low": Way(
-        (*HOLD, "--for", 30), vehicle(low_battery_after_s=0), 3, "battery", vehicles=BARE, own_delay_s=LATE
-    ),
+    "battery low": Way((*HOLD, "--for", 30), vehicle(low_battery_after_s=0), 3, "battery", own_delay_s=LATE),
     "battery low in a sine": Way(
         SINES, vehicle(low_battery_after_s=0), 3, "battery", vehicles=WITH_APP, own_delay_s=LATE
     ),
-    "load cell lost": Way(STAIRS, loadcell(silent_after_s=0), 3, vehicles=BARE, own_delay_s=LATE),
+    "load cell lost": Way(STAIRS, loadcell(silent_after_s=0), 3, own_delay_s=LATE),
     "load cell lost in a sine": Way(SINES, loadcell(silent_after_s=0), 3, vehicles=WITH_APP, own_delay_s=LATE),
     "overload": Way(STAIRS, overload, 3, "saturation"),
     "disk full": Way(STAIRS, fill_disk, 4, "too large"),
@@ -245,11 +243,10 @@ def test_the_motors_stop_whatever_ends_the_command(tmp_path: Path, name: str, ki
 
 @pytest.mark.parametrize("words", [HOLD, STAIRS], ids=["set", "thrust"])
 @pytest.mark.parametrize("fault", ["silent_after_s", "closed_after_s"])
-@pytest.mark.parametrize("kind", ["stock", "stock, Brushless"])
 def test_stock_firmware_without_a_link_is_the_exception_and_the_operator_is_told(
-    tmp_path: Path, kind: str, fault: str, words: tuple[object, ...]
+    tmp_path: Path, fault: str, words: tuple[object, ...]
 ) -> None:
-    with bench_in(tmp_path, crazyflie=VEHICLES[kind], battery={"kind": "lipo"}) as bench:
+    with bench_in(tmp_path, crazyflie=VEHICLES["stock"], battery={"kind": "lipo"}) as bench:
         pilot = bench.start(*words)
         pilot.wait_until_motors_run()
         driven = bench.motors

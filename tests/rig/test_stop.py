@@ -197,10 +197,9 @@ def suspend(process: Process) -> None:
         time.sleep(0.001)
 
 
-@KINDS
-def test_a_suspended_process_keeps_no_motor_on_and_turns_none_once_it_continues(tmp_path: Path, firmware: str) -> None:
+def test_a_suspended_process_keeps_no_motor_on_and_turns_none_once_it_continues(tmp_path: Path) -> None:
     words = ("--from", 20000, "--to", 30000, "--step", 10000, "--hold", 0.5, "--rest", 0.5, "--yes")
-    with served_in(tmp_path, crazyflie={"firmware": firmware}) as bench:
+    with served_in(tmp_path) as bench:
         pilot = bench.start("log", "thrust", *words, anew=True)  # the message has the kernel's name of the process
         pilot.wait_until_motors_run(0.0)
         suspend(pilot)

