@@ -1,4 +1,4 @@
-"""The line under a recording: what matters most comes first, and the line fits a terminal of 80 columns."""
+"""The line under a recording: present values, losses, and silences."""
 
 import math
 from collections.abc import Collection
@@ -11,7 +11,7 @@ import pytest
 
 from cfid.console.live import line_of
 from cfid.rig.instrument import Block
-from cfid.rig.progress import Reading, degrees, displayed, first_force, vertical_force, volts
+from cfid.rig.progress import Reading, degrees, displayed, first_force, volts
 from cfid.rig.recorder import Recorder
 from cfid.wire.rls import RLS_13BIT_IN_22, encode_positions
 
@@ -36,19 +36,6 @@ class Live:
 
     def line(self, **options: Any) -> list[str]:
         return line_of(self.recorder, **options)
-
-
-def staircase(left_s: float = 823.4, state: str = "ready") -> Live:
-    """Return a staircase: a load cell with an offset of 5 N, a battery, commands and a state."""
-    live = Live(900.0, commands=None, loadcell=vertical_force(1e6), supervisor=None, crazyflie=volts(1))
-    for block in range(40):
-        live.now_s = block * BLOCK_S
-        at_rest = block < 20
-        live.add("loadcell", 0, 0, 5e6 + (0 if at_rest else 123e3), rows=350, lost=7 * (block == 20), at_rest=at_rest)
-        live.add("crazyflie", 1, 3.92, rows=5)
-        live.add("supervisor", 1, status=state)
-    live.now_s = 900.0 - left_s
-    return live
 
 
 def test_losses_that_nobody_can_count_are_unknown_and_not_zero() -> None:

@@ -332,9 +332,6 @@ def test_the_lock_of_a_port_named_by_a_link_stays_while_the_plug_is_pulled(lab: 
     assert "is held by" in refusals[0]
 
 
-# Ports and settings
-
-
 # cfid rig check
 
 
