@@ -15,10 +15,7 @@ def value_and_std(value: Any, std: Any) -> tuple[str, str]:
     if not known or not math.isfinite(value):
         return f"{value:.{_DIGITS}g}", "-"
     last_place = _place(float(f"{std:.1e}")) - 1  # the second digit after rounding: of 0.0996, that of 0.10
-    size = max(abs(value), std)
-    has_exponent = size < _SMALLEST or (size >= _LARGEST and last_place >= 0)
-    form = _with_exponent if has_exponent else _without_exponent
-    return form(value, last_place), form(std, last_place)
+    return _rounded(value, last_place, max(abs(value), std)), _rounded(std, last_place, std)
 
 
 def _place(number: float) -> int:
@@ -26,9 +23,8 @@ def _place(number: float) -> int:
     return math.floor(math.log10(abs(number)))
 
 
-def _without_exponent(number: float, last_place: int) -> str:
-    return f"{round(number, -last_place) + 0.0:.{max(-last_place, 0)}f}"
-
-
-def _with_exponent(number: float, last_place: int) -> str:
-    return f"{number:.{max(_place(number) - last_place, 1) if number else 1}e}"
+def _rounded(number: float, last_place: int, size: float) -> str:
+    if size >= _SMALLEST and (size < _LARGEST or last_place < 0):
+        return f"{round(number, -last_place) + 0.0:.{max(-last_place, 0)}f}"
+    digits = max(_place(number) - last_place, 1) if number else 1
+    return f"{number:.{digits}e}"

@@ -25,18 +25,15 @@ _LARGEST_IN_STD = 3.0  # standard uncertainties of the difference; beyond it, tw
 _PARALLEL = 1e-3  # rad, between the directions of two mounts
 _AIR_KG_PER_M3, _AIR_STD = 1.2, 0.1  # the second one is relative: 0 to 30 degrees C, up to 1000 m
 _HIGHEST_V = 10.0  # of a motor: two cells
-_FLOWN = "cfid fit flight"
 
 
 class _Pair(NamedTuple):
     """Two values of one property, each with the name of its experiment; the first may exceed the second `at_least`."""
 
     title: str
-    first: str
-    first_value: UFloat
-    second: str
-    second_value: UFloat
     unit: str
+    first: tuple[str, UFloat | None]
+    second: tuple[str, UFloat | None]
     at_least: bool = False
 
 
@@ -45,38 +42,65 @@ def agreements_of(values: Values) -> list[dict[str, Any]]:
 
     `in_std` is the difference over its standard uncertainty, `finding` a sentence where the two values disagree.
     """
-    pairs = (
-        *_gains(values),
-        *_hovering_mass(values),
-        *_power(values),
-        *_scales(values),
-        *_time_constants(values),
-        *_clocks(values),
-        *_distances(values),
-        *_flown_moments(values),
-        *_flown_thrust(values),
-        *_flown_time_constants(values),
-    )
-    return [agreement for pair in pairs if (agreement := _compared(pair)) is not None]
+    agreements = [_compared(pair) for pair in _pairs(values)]
+    return [agreement for agreement in agreements if agreement is not None]
+
+
+def _pairs(values: Values) -> Iterator[_Pair]:
+    """Yield the pairs to compare, in the order of the experiments; a value is None where it is unknown."""
+    tf, flight, thrust_map = "cfid tf identify", "cfid fit flight", "cfid fit thrust"
+    per_command, lag = f"Thrust per command about {MIDDLE:.0f}", "Time constant of motor and rotor"
+    slope, sines = _slope(values, "motor.thrust_poly"), _number(values, "tf.time_constant_s")
+    for key in _gain_keys(values):
+        series = key.removeprefix("tf.").removesuffix("static_gain_n").removeprefix("series.").rstrip(".")
+        first = f"{tf}, {series}" if series else tf
+        yield _Pair(per_command, unit_of(key), (first, _number(values, key)), (thrust_map, slope))
+    vehicle = values.rig.vehicle
+    held = "cfid fit thrust, four motors at full command", _number(values, "motor.hover_mass_kg")
+    weighed = "rig.toml", measured(vehicle.mass_kg, vehicle.mass_std_kg)
+    yield _Pair("Mass held, at least that weighed", "kg", held, weighed, at_least=True)
+    yield from _power(values)
+    scales = "scales over map", _scales_over_map(values)
+    yield _Pair("Thrust by scales over the thrust map", "1", scales, ("agreement", measured(1.0, 0.0)))
+    # A sine yields a mean of spinning up and down.
+    yield _Pair(lag, "s", ("cfid fit dynamics, mean of steps", _mean_of_steps(values)), (tf, sines))
+    pings, crossings = ("cfid tf latency", _number(values, "latency.clock_skew")), (f"{tf}, crossings", _skew(values))
+    yield _Pair("Rate of the vehicle's clock, less one", "1", pings, crossings)
+    for mounts in combinations(values.rig.mounts, 2):
+        if _are_parallel(values, *mounts):
+            near, far = ((f"mount {mount}", _number(values, f"inertia.centre_kg_m2.{mount}")) for mount in mounts)
+            yield _Pair("Inertia about one axis by two distances", "kg m^2", near, far)
+    frame = vehicle.body_frame
+    for name, axis in (("roll", frame.forward), ("pitch", frame.left), ("yaw", frame.up)):
+        flown = flight, _number(values, f"flight.inertia_kg_m2.{name}")
+        yield _Pair(f"Moment of inertia about {name}", "kg m^2", flown, ("cfid fit inertia", _moment(values, axis)))
+    yield _Pair(per_command, "N", (flight, _slope(values, "flight.thrust_poly")), (thrust_map, slope))
+    yield from _thrust_in_hover(values)
+    yield _Pair(lag, "s", (flight, _number(values, "flight.time_constant_s")), (tf, sines))
+    for key, verb, rising in (("flight.rising_s", "speeds up", True), ("flight.falling_s", "slows down", False)):
+        steps = "cfid fit dynamics", _mean_of_steps(values, rising=rising)
+        yield _Pair(f"Time constant of a rotor that {verb}", "s", (flight, _number(values, key)), steps)
 
 
 def _compared(pair: _Pair) -> dict[str, Any] | None:
-    """Return a comparison, None where its joint uncertainty is unknown."""
-    first, second = pair.first_value, pair.second_value
+    """Return a comparison, None where a value or the joint uncertainty is unknown."""
+    (first_name, first), (second_name, second) = pair.first, pair.second
+    if first is None or second is None:
+        return None
     difference = first - second
     if not (math.isfinite(difference.nominal_value) and math.isfinite(difference.std_dev) and difference.std_dev > 0):
         return None
     apart = in_std(difference)
     agrees = apart >= -_LARGEST_IN_STD and (pair.at_least or apart <= _LARGEST_IN_STD)
     finding = (
-        f"{pair.title}: {pair.first} gives {first.nominal_value:.4g} {pair.unit}, {pair.second} "
+        f"{pair.title}: {first_name} gives {first.nominal_value:.4g} {pair.unit}, {second_name} "
         f"{second.nominal_value:.4g} {pair.unit}: {abs(apart):.1f} standard uncertainties of the difference apart "
         f"(limit {_LARGEST_IN_STD:g}). One of the two is wrong: check scales, mounts and battery of both."
     )
     return {
         "title": pair.title,
-        "first": pair.first,
-        "second": pair.second,
+        "first": first_name,
+        "second": second_name,
         "unit": pair.unit,
         "first_value": first.nominal_value,
         "first_std": first.std_dev,
@@ -91,6 +115,17 @@ def _compared(pair: _Pair) -> dict[str, Any] | None:
     }
 
 
+def _number(values: Values, key: str) -> UFloat | None:
+    quantity = values.accepted(key)
+    return None if quantity is None else quantity.number()
+
+
+def _slope(values: Values, key: str) -> UFloat | None:
+    """Return the slope of a thrust map at the sines' mean command."""
+    quantity = values.accepted(key)
+    return None if quantity is None else _at(quantity, MIDDLE, slope=True)
+
+
 def _at(polynomial: Quantity, x: float, *, slope: bool = False) -> UFloat:
     """Return the value of a polynomial at x, or its slope there."""
     powers = list(range(len(polynomial.parameter.value)))
@@ -99,29 +134,11 @@ def _at(polynomial: Quantity, x: float, *, slope: bool = False) -> UFloat:
     return polynomial.number([power * x ** max(power - 1, 0) if slope else x**power for power in powers])
 
 
-def _gains(values: Values) -> Iterator[_Pair]:
-    """Compare each static gain of the transfer function with the slope of the thrust map at the sines' mean command."""
-    thrust = values.accepted("motor.thrust_poly")
-    if thrust is None:
-        return
-    slope = _at(thrust, MIDDLE, slope=True)
-    keys = sorted(value.key for value in values if value.key.startswith("tf.series."))
-    series = [key for key in keys if key.endswith(".static_gain_n")]
-    for key in ("tf.static_gain_n", *(series if len(series) > 1 else ())):
-        if (gain := values.accepted(key)) is not None:
-            name = key.removeprefix("tf.").removesuffix("static_gain_n").removeprefix("series.").rstrip(".")
-            first = f"cfid tf identify{f', {name}' if name else ''}"
-            title = f"Thrust per command about {MIDDLE:.0f}"
-            yield _Pair(title, first, gain.number(), "cfid fit thrust", slope, unit_of(key))
-
-
-def _hovering_mass(values: Values) -> Iterator[_Pair]:
-    """Compare the mass that four motors hold at full command with the weighed mass; a vehicle that flies holds more."""
-    vehicle, held = values.rig.vehicle, values.accepted("motor.hover_mass_kg")
-    if held is not None:
-        weighed = measured(vehicle.mass_kg, vehicle.mass_std_kg)
-        first = "cfid fit thrust, four motors at full command"
-        yield _Pair("Mass held, at least that weighed", first, held.number(), "rig.toml", weighed, "kg", True)
+def _gain_keys(values: Values) -> list[str]:
+    """Return the keys of the static gains: that of all series, and of several series each."""
+    series = [value.key for value in values if value.key.startswith("tf.series.")]
+    gains = sorted(key for key in series if key.endswith(".static_gain_n"))
+    return ["tf.static_gain_n", *(gains if len(gains) > 1 else ())]
 
 
 def _power(values: Values) -> Iterator[_Pair]:
@@ -131,46 +148,29 @@ def _power(values: Values) -> Iterator[_Pair]:
     a stated radius is assumed to be as large as the platform allows.
     """
     thrust, speed, torque = (values.accepted(f"motor.{name}_poly") for name in ("thrust", "speed", "torque"))
-    expected = range_of("rotor_radius_m", values.rig.vehicle.platform)
+    expected, stated = range_of("rotor_radius_m", values.rig.vehicle.platform), values.find("rotor_radius_m")
     if thrust is None or speed is None or torque is None or expected is None:
         return
     thrust_n, speed_rad_s = _at(thrust, MIDDLE), _at(speed, MIDDLE)
-    stated = values.find("rotor_radius_m")
-    radius_m = expected.largest if stated is None else stated.parameter.value or expected.largest
-    if min(thrust_n.nominal_value, speed_rad_s.nominal_value, radius_m) <= 0:
-        return
-    air_kg_per_m3 = measured(_AIR_KG_PER_M3, _AIR_KG_PER_M3 * _AIR_STD)
-    ideal_w = thrust_n**1.5 / (2 * air_kg_per_m3 * math.pi * radius_m**2) ** 0.5
-    taken_w = _at(torque, thrust_n.nominal_value) * speed_rad_s
-    title, first = f"Power of a rotor at {MIDDLE:.0f}, at least an ideal one's", "cfid fit torque times cfid fit speed"
-    yield _Pair(title, first, taken_w, f"the thrust by a rotor of {1e3 * radius_m:.3g} mm", ideal_w, "W", True)
+    radius_m = (None if stated is None else stated.parameter.value) or expected.largest
+    if min(thrust_n.nominal_value, speed_rad_s.nominal_value, radius_m) > 0:
+        air_kg_per_m3 = measured(_AIR_KG_PER_M3, _AIR_KG_PER_M3 * _AIR_STD)
+        ideal_w = thrust_n**1.5 / (2 * air_kg_per_m3 * math.pi * radius_m**2) ** 0.5
+        first = "cfid fit torque times cfid fit speed", _at(torque, thrust_n.nominal_value) * speed_rad_s
+        second = f"the thrust by a rotor of {1e3 * radius_m:.3g} mm", ideal_w
+        yield _Pair(f"Power of a rotor at {MIDDLE:.0f}, at least an ideal one's", "W", first, second, at_least=True)
 
 
-def _scales(values: Values) -> Iterator[_Pair]:
-    """Compare the thrust map with scales, by their ratio."""
+def _scales_over_map(values: Values) -> UFloat | None:
     quality = values.in_force["thrust"].quality if "thrust" in values.in_force else {}
     gain, std = quality.get("verification_gain"), quality.get("verification_gain_std")
-    if is_number(gain) and is_number(std) and std:
-        sides = "scales over map", measured(gain, std), "agreement", measured(1.0, 0.0)
-        yield _Pair("Thrust by scales over the thrust map", *sides, "1")
-
-
-def _time_constants(values: Values) -> Iterator[_Pair]:
-    """Compare the time constant of steps with that of the transfer function.
-
-    A sine yields a mean of spinning up and down, so the uncertainty is the scatter of the steps, not that of their
-    mean.
-    """
-    steps, lag = _mean_of_steps(values), values.accepted("tf.time_constant_s")
-    if steps is not None and lag is not None:
-        sides = "cfid fit dynamics, mean of steps", steps, "cfid tf identify", lag.number()
-        yield _Pair("Time constant of motor and rotor", *sides, "s")
+    return measured(gain, std) if is_number(gain) and is_number(std) and std else None
 
 
 def _mean_of_steps(values: Values, *, rising: bool | None = None) -> UFloat | None:
     """Return the mean time constant and the scatter of accepted steps: up, down or all; None for fewer than two."""
     steps = values.find("dynamics.time_constant_s")
-    rows: list[Any] = plain(steps.parameter.value) if steps is not None and steps.accepted else []
+    rows: Any = plain(steps.parameter.value) if steps is not None and steps.accepted else []
     counting = [row for row in rows if row.get("accepted") and (rising is None or row.get("rising") is rising)]
     if len(counting) < 2:
         return None
@@ -183,9 +183,8 @@ def _with_scatter(values: list[float], stds: list[float]) -> UFloat:
     return measured(float(np.mean(values)), math.hypot(scatter, float(np.sqrt(np.mean(np.square(stds))))))
 
 
-def _clocks(values: Values) -> Iterator[_Pair]:
-    """Compare the vehicle's clock rate from pings with that from crossings, which may scatter from run to run."""
-    pings = values.accepted("latency.clock_skew")
+def _skew(values: Values) -> UFloat | None:
+    """Return the rate of the vehicle's clock from crossings, which may scatter from run to run."""
     series = values.in_force["tf"].quality.get("series") if "tf" in values.in_force else None
     tables = [table for table in series.values() if isinstance(table, Mapping)] if isinstance(series, Mapping) else []
     columns = [(table.get("clock_skew"), table.get("clock_skew_std")) for table in tables]
@@ -196,59 +195,33 @@ def _clocks(values: Values) -> Iterator[_Pair]:
         for skew, std in zip(of_runs, stds, strict=False)
         if is_number(skew) and is_number(std) and abs(skew) < 1 and 0 <= std < 1
     ]
-    if pings is not None and skews:
-        crossings = _with_scatter([skew for skew, _ in skews], [std for _, std in skews])
-        sides = "cfid tf latency", pings.number(), "cfid tf identify, crossings", crossings
-        yield _Pair("Rate of the vehicle's clock, less one", *sides, "1")
+    return _with_scatter([skew for skew, _ in skews], [std for _, std in skews]) if skews else None
 
 
-def _distances(values: Values) -> Iterator[_Pair]:
-    """Compare the inertias about the centre of mass from two mounts along the same axis."""
-    mounts = values.rig.mounts
-    along = {name: np.array(mount.direction) / math.hypot(*mount.direction) for name, mount in mounts.items()}
-    for first, second in combinations(mounts, 2):
-        if np.linalg.norm(np.cross(along[first], along[second])) < _PARALLEL:
-            near, far = (values.accepted(f"inertia.centre_kg_m2.{mount}") for mount in (first, second))
-            if near is not None and far is not None:
-                sides = f"mount {first}", near.number(), f"mount {second}", far.number()
-                yield _Pair("Inertia about one axis by two distances", *sides, unit_of(near.key))
+def _are_parallel(values: Values, first: str, second: str) -> bool:
+    one, other = (np.array(values.rig.mounts[mount].direction, dtype=np.float64) for mount in (first, second))
+    return bool(np.linalg.norm(np.cross(one, other)) < _PARALLEL * np.linalg.norm(one) * np.linalg.norm(other))
 
 
-def _flown_moments(values: Values) -> Iterator[_Pair]:
-    """Compare the moments of inertia, each as seen in flight."""
-    matrix, frame = values.accepted("inertia.matrix_kg_m2"), values.rig.vehicle.body_frame
-    for name, axis in (("roll", frame.forward), ("pitch", frame.left), ("yaw", frame.up)):
-        flown = values.accepted(f"flight.inertia_kg_m2.{name}")
-        on_rig = None if matrix is None else _turned_alone(matrix, axis_of(axis)[0])
-        if flown is not None and on_rig is not None:
-            sides = _FLOWN, flown.number(), "cfid fit inertia", on_rig
-            yield _Pair(f"Moment of inertia about {name}", *sides, "kg m^2")
-
-
-def _turned_alone(inertia: Quantity, axis: int) -> UFloat | None:
+def _moment(values: Values, axis: str) -> UFloat | None:
     """Return 1 / (J^-1)_ii of the inertia matrix J: a torque about axis i over the angular acceleration about axis i.
 
     This is what a flight shows, since other torques are not correlated with this one, and the products of inertia turn
     the vehicle about other axes too. With g = J^-1 e_i / (J^-1)_ii, the value is g^T J g, and its derivative with
     respect to J is g g^T. Returns None for a singular matrix.
     """
-    matrix = np.array(inertia.parameter.value, dtype=np.float64)
-    if not np.linalg.det(matrix) > 0:
+    inertia = values.accepted("inertia.matrix_kg_m2")
+    matrix = np.zeros((3, 3)) if inertia is None else np.array(inertia.parameter.value, dtype=np.float64)
+    if inertia is None or not np.linalg.det(matrix) > 0:
         return None
-    column = np.linalg.inv(matrix)[axis]
-    turning = column / column[axis]
+    place, _ = axis_of(axis)
+    column = np.linalg.inv(matrix)[place]
+    turning = column / column[place]
     return inertia.number([turning[i] * turning[j] * (1 if i == j else 2) for i, j in ENTRIES.values()])
 
 
-def _flown_thrust(values: Values) -> Iterator[_Pair]:
-    """Compare the thrust per command, and the thrust at the voltage at which the vehicle hovers, to 0.1 V.
-
-    A flight shows the thrust best there; a map that never holds the vehicle is not compared.
-    """
-    flown, on_rig = (values.accepted(f"{experiment}.thrust_poly") for experiment in ("flight", "motor"))
-    if flown is not None and on_rig is not None:
-        slopes = _FLOWN, _at(flown, MIDDLE, slope=True), "cfid fit thrust", _at(on_rig, MIDDLE, slope=True)
-        yield _Pair(f"Thrust per command about {MIDDLE:.0f}", *slopes, "N")
+def _thrust_in_hover(values: Values) -> Iterator[_Pair]:
+    """Compare the thrust at the voltage at which the vehicle hovers, to 0.1 V; a flight shows thrust best there."""
     flown, on_rig = (values.accepted(f"{experiment}.thrust_voltage_poly") for experiment in ("flight", "motor"))
     mass = values.find("flight.mass_kg")
     if flown is None or on_rig is None or mass is None or mass.parameter.value is None:
@@ -258,18 +231,5 @@ def _flown_thrust(values: Values) -> Iterator[_Pair]:
     holds = np.polynomial.polynomial.polyval(volts, np.array(flown.parameter.value, dtype=np.float64)) >= held_n
     if holds.any():
         volt = float(volts[holds.argmax()])
-        sides = _FLOWN, _at(flown, volt), "cfid fit thrust", _at(on_rig, volt)
-        yield _Pair(f"Thrust of a rotor at {volt:.1f} V, about hover", *sides, "N")
-
-
-def _flown_time_constants(values: Values) -> Iterator[_Pair]:
-    """Compare the mean lag with that of sines, which average up and down, and the lags up and down with steps."""
-    lag, of_sines = (values.accepted(f"{experiment}.time_constant_s") for experiment in ("flight", "tf"))
-    if lag is not None and of_sines is not None:
-        sides = _FLOWN, lag.number(), "cfid tf identify", of_sines.number()
-        yield _Pair("Time constant of motor and rotor", *sides, "s")
-    for key, verb, rising in (("flight.rising_s", "speeds up", True), ("flight.falling_s", "slows down", False)):
-        flown, steps = values.accepted(key), _mean_of_steps(values, rising=rising)
-        if flown is not None and steps is not None:
-            sides = _FLOWN, flown.number(), "cfid fit dynamics", steps
-            yield _Pair(f"Time constant of a rotor that {verb}", *sides, "s")
+        sides = ("cfid fit flight", _at(flown, volt)), ("cfid fit thrust", _at(on_rig, volt))
+        yield _Pair(f"Thrust of a rotor at {volt:.1f} V, about hover", "N", *sides)

@@ -80,11 +80,7 @@ def _experiment(
         "findings": [asdict(finding) for finding in findings],
         "rejections": [begun(text) for text in texts(findings, "rejection")],
         "remarks": [begun(text) for text in (*texts(findings, "warning"), *texts(findings, "note"))],
-        "parameters": [
-            row
-            for key, parameter in section.parameters.items()
-            for row in number_rows(key, list(parameter.numbers(key)), parameter.unit)
-        ],
+        "parameters": [row for key, parameter in section.parameters.items() for row in number_rows(key, parameter)],
         "tables": list(_tables(fit)),
         "lines": list(fit.lines),
         "figures": inside,

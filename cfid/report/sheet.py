@@ -12,11 +12,11 @@ from cfid.experiments import EXPERIMENTS
 from cfid.guide.certainty import percent
 from cfid.quantities.registry import Quantity, Shape, registered
 from cfid.quantities.rounding import value_and_std
-from cfid.quantities.values import Number, coefficient_units
+from cfid.quantities.values import coefficient_units
 from cfid.records.covariances import numbers_of
 from cfid.records.files import RUNS_FOLDER
 from cfid.records.fits import BY_HAND
-from cfid.records.parameters import plain
+from cfid.records.parameters import Parameter, plain
 from cfid.records.values import Quantity as Value
 from cfid.records.values import Values, judging_weights
 from cfid.wire.app import MIDDLE
@@ -26,7 +26,7 @@ Content = dict[str, Any]
 _BARELY = 2.0  # standard uncertainties from zero; a nearer value is consistent with zero
 
 
-class _Wanted(NamedTuple):
+class _Part(NamedTuple):
     """Quantities of one fit under one title, by default the title of the first quantity."""
 
     group: str
@@ -37,24 +37,24 @@ class _Wanted(NamedTuple):
 
 _TF_KEYS = ("numerator", "denominator", "sample_time_s", "time_constant_s", "static_gain_n", "delay_s")
 _SHEET = (
-    _Wanted("Inertia", ("inertia.matrix_kg_m2",)),
-    _Wanted("Motors: mappings", ("motor.thrust_poly",), "f = Σ a_k cmd^k"),
-    _Wanted("Motors: mappings", ("motor.speed_poly",), "ω = Σ b_k cmd^k"),
-    _Wanted("Motors: mappings", ("motor.torque_poly",), "τ = Σ c_k f^k"),
-    _Wanted(
+    _Part("Inertia", ("inertia.matrix_kg_m2",)),
+    _Part("Motors: mappings", ("motor.thrust_poly",), "f = Σ a_k cmd^k"),
+    _Part("Motors: mappings", ("motor.speed_poly",), "ω = Σ b_k cmd^k"),
+    _Part("Motors: mappings", ("motor.torque_poly",), "τ = Σ c_k f^k"),
+    _Part(
         "Motors: transfer function",
         tuple(f"tf.{name}" for name in _TF_KEYS),
         "H(z) = (n_0 + n_1 z⁻¹ + …) / (1 + d_1 z⁻¹ + …)",
         "Command to thrust, one motor",
     ),
-    _Wanted("Drag", ("drag.simple_kg_per_rad",), "f = diag(K) Σω v"),
-    _Wanted(
+    _Part("Drag", ("drag.simple_kg_per_rad",), "f = diag(K) Σω v"),
+    _Part(
         "Drag",
         tuple(f"drag.complex.k{i}" for i in range(1, 7)),
         "f = K1 Σω v + K2 v² + K3 (Σω)² + K4 v + K5 Σω + K6, axis by axis",
         "Complex model",
     ),
-    _Wanted("Drag", ("drag.cross_coupling_kg_per_rad",), "f = K Σω v"),
+    _Part("Drag", ("drag.cross_coupling_kg_per_rad",), "f = K Σω v"),
 )
 
 
@@ -90,24 +90,17 @@ _MAIN = (
 
 def sheet_of(values: Values, *, wanted: Collection[str]) -> list[Content]:
     """Return the groups of the sheet; missing quantities are listed only for the `wanted` kinds of fit."""
-    groups: dict[str, list[Content]] = {"Inertia": [_mass(values)]}
-    for entry in _SHEET:
-        if registered(entry.keys[0]).section in wanted or any(values.find(key) for key in entry.keys):
-            groups.setdefault(entry.group, []).append(_entry(values, entry))
-    by_hand = [
-        {
-            "keys": [value.key],
-            "title": value.key,
-            "equation": "",
-            "rows": [_row(value.key, n.value, n.std, value.parameter.unit) for n in value.parameter.numbers(value.key)],
-            "origin": _stated("cfid set, by hand", value.section.found.isoformat()),
-            "zeros": "",
-            "missing": "",
-        }
-        for value in values
-        if value.fit.name == BY_HAND
-    ]
-    groups |= {"Measured by hand": by_hand} if by_hand else {}
+    vehicle, mass = values.rig.vehicle, registered("mass_kg")
+    rows = [_row(mass.symbol, vehicle.mass_kg, vehicle.mass_std_kg or None, mass.unit)]
+    groups = {"Inertia": [_entry(["vehicle.mass_kg"], "Mass", rows, _stated("as rig.toml states", None))]}
+    for part in _SHEET:
+        if registered(part.keys[0]).section in wanted or any(values.find(key) for key in part.keys):
+            groups.setdefault(part.group, []).append(_fitted(values, part))
+    for value in values:
+        if value.fit.name == BY_HAND:
+            origin = _stated("cfid set, by hand", value.section.found.isoformat())
+            entry = _entry([value.key], value.key, number_rows(value.key, value.parameter), origin)
+            groups.setdefault("Measured by hand", []).append(entry)
     return [{"title": title, "quantities": entries} for title, entries in groups.items()]
 
 
@@ -136,9 +129,10 @@ def main_numbers(values: Values) -> Iterator[Content]:
             yield _main(row.title, number.nominal_value, number.std_dev or None, row.scale, row.unit)
 
 
-def number_rows(key: str, numbers: Sequence[Number], unit: str) -> list[Content]:
+def number_rows(key: str, parameter: Parameter) -> list[Content]:
     """Return the numbers of a parameter under its key."""
-    return [_row(f"{key} {number.place}".rstrip(), number.value, number.std, unit) for number in numbers]
+    numbers = parameter.numbers(key)
+    return [_row(f"{key} {n.place}".rstrip(), n.value, n.std, parameter.unit) for n in numbers]
 
 
 def _main(title: str, value: float, std: float | None, scale: float, unit: str) -> Content:
@@ -166,46 +160,41 @@ def _stated(how: str, found: str | None) -> Content:
     return {"how": how, "found": found, "recordings": 0, "files": 0, "accepted": None, "findings": []}
 
 
-def _mass(values: Values) -> Content:
-    vehicle, mass = values.rig.vehicle, registered("mass_kg")
+def _entry(
+    keys: Sequence[str],
+    title: str,
+    rows: Sequence[Content],
+    origin: Content | None,
+    *,
+    equation: str = "",
+    missing: str = "",
+) -> Content:
     return {
-        "keys": ["vehicle.mass_kg"],
-        "title": "Mass",
-        "equation": "",
-        "rows": [_row(mass.symbol, vehicle.mass_kg, vehicle.mass_std_kg or None, mass.unit)],
-        "origin": _stated("as rig.toml states", None),
-        "zeros": "",
-        "missing": "",
-    }
-
-
-def _entry(values: Values, wanted: _Wanted) -> Content:
-    """Return an entry from those of its quantities that are known; all come from one fit."""
-    first = registered(wanted.keys[0])
-    known = [value for key in wanted.keys if (value := values.find(key)) is not None]
-    rows = [
-        row
-        for value in known
-        for row in _rows(registered(value.key), list(value.parameter.numbers(value.key)))
-    ]  # fmt: skip
-    fit = values.in_force.get(first.section)
-    if rows:
-        lacking = [key for key in wanted.keys if key not in [value.key for value in known]]
-        missing = f"not found: {', '.join(lacking)}" if lacking else ""
-    elif fit is None:
-        missing = f"not measured yet: {EXPERIMENTS[first.section].measured_by}"
-    else:
-        missing = f"the last `cfid {fit.command}` did not find it: see its experiment"
-    origin = _origin(known) if rows else None
-    return {
-        "keys": list(wanted.keys),
-        "title": wanted.title or first.title[0].upper() + first.title[1:],
-        "equation": wanted.equation,
+        "keys": list(keys),
+        "title": title,
+        "equation": equation,
         "rows": rows,
         "origin": origin,
         "zeros": _zeros(rows) if origin is not None and origin["accepted"] else "",
         "missing": missing,
     }
+
+
+def _fitted(values: Values, part: _Part) -> Content:
+    """Return an entry from those of its quantities that are known; all come from one fit."""
+    first = registered(part.keys[0])
+    known = [value for key in part.keys if (value := values.find(key)) is not None]
+    rows = [row for value in known for row in _rows(registered(value.key), value.parameter)]
+    fit = values.in_force.get(first.section)
+    if rows:
+        lacking = [key for key in part.keys if key not in [value.key for value in known]]
+        missing = f"not found: {', '.join(lacking)}" if lacking else ""
+    elif fit is None:
+        missing = f"not measured yet: {EXPERIMENTS[first.section].measured_by}"
+    else:
+        missing = f"the last `cfid {fit.command}` did not find it: see its experiment"
+    title = part.title or first.title[0].upper() + first.title[1:]
+    return _entry(part.keys, title, rows, _origin(known) if rows else None, equation=part.equation, missing=missing)
 
 
 def _origin(known: Sequence[Value]) -> Content:
@@ -237,12 +226,12 @@ def _zeros(rows: Sequence[Content]) -> str:
     return f"Consistent with zero, within {_BARELY:g} standard uncertainties: {', '.join(names)}." if names else ""
 
 
-def _rows(quantity: Quantity, numbers: list[Number]) -> list[Content]:
+def _rows(quantity: Quantity, parameter: Parameter) -> list[Content]:
     """Return the numbers of a quantity, each with its own symbol and unit.
 
     Numbers of a transfer function that its form fixes, the leading 1 and zeros, are left out.
     """
-    symbol, unit = quantity.symbol, quantity.unit
+    symbol, unit, numbers = quantity.symbol, quantity.unit, list(parameter.numbers(quantity.key))
     if quantity.shape is Shape.NUMBER:
         return [_row(f"{symbol} ({quantity.title})", number.value, number.std, unit) for number in numbers]
     places, units = [number.place for number in numbers], [unit] * len(numbers)

@@ -12,28 +12,6 @@ from cfid.units import COVERAGE_95
 
 Content = Mapping[str, Any]
 
-ABOUT_SHEET = (
-    "Each value has its standard uncertainty and its 95 % interval, 1.96 standard uncertainties either side as of a "
-    "normal distribution. Coefficients of one polynomial belong together: their errors are correlated."
-)
-ABOUT_REPEATS = (
-    "One quantity from different recordings. The mean is weighted by the uncertainties, drift is the last reading "
-    "less the first. χ² adds up the squared distances from the mean in standard uncertainties; “by chance” is how "
-    "often independent readings with these uncertainties would scatter as much or more. Below 1 % they do not agree, "
-    "and one quantity in a hundred falls below by chance. What all readings share, such as mass and geometry, is in "
-    "each uncertainty but does not scatter: agreement does not prove that part, and the mean's uncertainty keeps it. "
-    "Rejected readings are shown and left out of the test."
-)
-ABOUT_AGREEMENT = (
-    "One property by two experiments, with the difference over its joint uncertainty; causes that both share, as an "
-    "arm, count once. Beyond 3 standard uncertainties one of the two is wrong, but for a first one that may exceed "
-    "the second."
-)
-ABOUT_PUBLISHED = (
-    "Published values in one unit, with their difference from yours. Vehicles, propellers, batteries and loads "
-    "differ: a difference is not an error by itself."
-)
-
 _PLAIN = (1e-1, 1e4)  # sizes that need no power of ten
 _SMALLEST = 1e-5  # of a number after scaling by its power of ten
 _MILLI = -3
@@ -240,7 +218,11 @@ def _value_and_std(value: float | None, std: float | None, power: int) -> tuple[
         return "", ""
     scale = 10.0**-power
     shown, spread = value_and_std(value * scale, None if std is None else std * scale)
-    return _typeset(shown), "" if spread == "-" else _typeset(spread)
+    if std is None or spread == "-":
+        return _typeset(shown), ""
+    if "e" in spread and "e" not in shown:  # in a row of numbers, a small uncertainty has the decimals of its value
+        spread = f"{std * scale:.{len(shown.partition('.')[2])}f}"
+    return _typeset(shown), _typeset(spread)
 
 
 def plus_minus(value: float | None, std: float | None, power: int) -> str:
