@@ -127,21 +127,6 @@ def test_a_cut_blackbox_log_gives_its_whole_frames(tmp_path: Path) -> None:
     assert "log-cut" in codes(log)
 
 
-def test_frames_of_a_blackbox_log_are_those_that_its_library_reads(tmp_path: Path) -> None:
-    orangebox = pytest.importorskip("orangebox", reason='orangebox comes with pip install "cfid[blackbox]"')
-    path = written(tmp_path, blackbox())
-
-    series = only(read_recording(path))
-
-    parser = orangebox.Parser.load(str(path), 1)
-    frames = np.array([frame.data for frame in parser.frames()], dtype=np.float64)
-    place = parser.field_names.index("gyroADC[0]")
-    np.testing.assert_array_equal(series.column("gyroADC[0]").values, frames[:, place])
-    time_us = frames[:, parser.field_names.index("time")]
-    assert series.time_s is not None
-    np.testing.assert_allclose(series.time_s, 1e-6 * (time_us - time_us[0]))
-
-
 @pytest.mark.parametrize("damage", [b"\0\0\xff", b"I\1", b"P", b"IIII", b"\xff" * 40, -1, -2, -5, -13])
 def test_damaged_bytes_of_a_blackbox_log_cost_the_frames_that_they_are_in(tmp_path: Path, damage: bytes | int) -> None:
     """After some of these, the library continues with misaligned frames, in which fields have the numbers of others."""
@@ -253,10 +238,3 @@ def test_the_longest_flight_of_a_blackbox_file_is_read_and_another_by_its_number
         assert only(read_recording(written(tmp_path, content), How(log=1))).rows < COUNT
     with pytest.raises(ConfigError, match="`log` 3"):
         read_recording(written(tmp_path, content), How(log=3))
-
-
-def test_the_way_in_which_rotors_turn_is_a_fact_that_an_option_states(tmp_path: Path) -> None:
-    pytest.importorskip("orangebox", reason='orangebox comes with pip install "cfid[blackbox]"')
-    path = written(tmp_path, blackbox())
-    assert read_recording(path).facts.props_out is None
-    assert read_recording(path, How(props_out=True)).facts.props_out is True

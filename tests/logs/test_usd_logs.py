@@ -131,13 +131,6 @@ def test_a_cut_log_gives_its_whole_records_and_reports_the_cut(tmp_path: Path, m
     assert "log-damaged" in codes(log)
 
 
-def test_the_record_in_which_bytes_are_lost_is_left_out(tmp_path: Path) -> None:
-    whole = single()
-    place = len(whole) - 4 - 40 * 23 + 12  # within the numbers of record 60
-    found = gyro(read_recording(written(tmp_path, whole[:place] + whole[place + 1 :])))
-    assert found == pytest.approx([at / 8 for at in range(60)])
-
-
 @pytest.mark.parametrize("behind", [bytes(5000), bytes(1), single(50), b"\x01\xff" * 300])
 def test_what_is_behind_a_whole_log_costs_none_of_its_records(tmp_path: Path, behind: bytes) -> None:
     log = read_recording(written(tmp_path, single() + behind))
