@@ -1,11 +1,12 @@
 """Devices that send text: each whole line is a row, and every other line is counted, by the device's clock or rate."""
 
 import json
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -223,21 +224,58 @@ def test_a_clock_in_another_unit_jumps_in_every_line_and_ends_the_run(lab: Lab) 
     assert log.took_s < 1
 
 
-# Silence
+# Silence, and the plug
 
 
-@pytest.mark.parametrize(
-    ("setting", "silent"), [(CELL, range(80, 240)), (CLOCKLESS, range(80, 240)), (CELL, range(240, 999))]
-)
-def test_a_silence_is_a_gap_whose_lines_are_lost(lab: Lab, setting: LoadCellLines, silent: range) -> None:
-    sent: Lines = line if setting is CELL else lambda n: b"%d\n" % n
-    log = Log(lab, but(silent, sent), setting=setting)
-    (gap,) = log.gaps
+def pull(lab: Lab) -> None:
+    lab.unplug(f"{lab.port}-board")
 
-    assert log.error is None
-    assert log.lost == pytest.approx(160, abs=3)
-    assert gap["reason"] == ("no line came" if silent.stop < 400 else "silent at the end")
-    assert gap["to_s"] - gap["from_s"] == pytest.approx(2, abs=0.05)
+
+def put_back(lab: Lab) -> None:
+    lab.plug_back(f"{lab.port}-board")
+
+
+class Fault(NamedTuple):
+    """The places without a line, what happens at which seconds, how many lines are lost, and how the run ends."""
+
+    gone: Collection[int] = ()
+    acts: Mapping[float, Callable[[Lab], object]] = MappingProxyType({})
+    lost: float = 160
+    reason: str = "no line came"
+    for_s: float | None = 5.0
+    setting: LoadCellLines = CELL
+    ended_s: float | None = None  # in which it fails
+    patient: bool = True
+
+
+FAULTS = {
+    "a silence": Fault(range(80, 240)),
+    "a silence, by the stated rate": Fault(range(80, 240), setting=CLOCKLESS),
+    "a silence at the end": Fault(range(240, 9999), reason="silent at the end"),
+    "a silence for good": Fault(range(80, 9999), lost=400, reason="silent at the end", for_s=None, ended_s=6.0),
+    "a silence while motors run": Fault(
+        range(80, 9999), lost=33, reason="silent at the end", for_s=10, ended_s=1.5, patient=False
+    ),
+    "a plug put back": Fault(acts={1: pull, 3: put_back}, reason="unplugged", for_s=6),
+    "a plug not put back": Fault(acts={1: pull}, lost=240, reason="unplugged", for_s=4, ended_s=4.0),
+    "a plug pulled while motors run": Fault(acts={1: pull}, lost=0, reason="", for_s=10, ended_s=1.0, patient=False),
+}
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_what_a_fault_takes_is_lost_in_a_gap_and_a_device_that_does_not_come_back_fails_the_run(
+    lab: Lab, name: str
+) -> None:
+    fault = FAULTS[name]
+    sent = but(fault.gone, line if fault.setting is CELL else lambda n: b"%d\n" % n)
+    acts: dict[float, Callable[[], object]] = {at_s: partial(act, lab) for at_s, act in fault.acts.items()}
+    log = Log(lab, sent, setting=fault.setting, for_s=fault.for_s, patient=fault.patient, at=acts)
+
+    assert isinstance(log.error, DeviceError) == (fault.ended_s is not None)
+    assert log.took_s == pytest.approx(fault.ended_s or fault.for_s, abs=0.2)
+    assert log.reasons == [fault.reason] * bool(fault.reason)
+    assert log.lost == pytest.approx(fault.lost, abs=45 if put_back in fault.acts.values() else 5)
+    assert log.missing == (log.lost if fault.ended_s is None and fault.reason != "silent at the end" else 0)
 
 
 @pytest.mark.parametrize("damaged", [(), (150, 151, 152), range(100, 140)])
@@ -260,51 +298,6 @@ def test_lines_that_the_computer_kept_while_the_program_stood_still_are_not_lost
     assert gap["stood_s"] == pytest.approx(1.8, abs=0.1)
     assert log.lost == log.missing == overflown
     assert len(log.rows) == pytest.approx(5 * 80 - overflown, abs=3)
-
-
-def test_a_silence_for_good_fails_the_run_and_shows_nothing_unprintable(lab: Lab) -> None:
-    log = Log(lab, but(range(80, 9999), line, lambda n: b"\x1b[31mE%d\r\n" % n), for_s=None)
-
-    assert isinstance(log.error, DeviceError)
-    assert "?[31mE" in str(log.error)
-    assert str(log.error).isprintable()
-    assert log.took_s == pytest.approx(6, abs=0.2)
-    assert len(log.rows) == 79
-
-
-# The plug, and motors
-
-
-def pull(lab: Lab) -> Callable[[], None]:
-    return partial(lab.unplug, f"{lab.port}-board")
-
-
-def put_back(lab: Lab) -> Callable[[], None]:
-    return partial(lab.plug_back, f"{lab.port}-board")
-
-
-@pytest.mark.parametrize(("is_pulled", "took_s"), [(False, 1.6), (True, 1.1)])
-def test_while_motors_run_a_silence_ends_the_run_in_half_a_second_and_a_pulled_plug_at_once(
-    lab: Lab, is_pulled: bool, took_s: float
-) -> None:
-    sent = line if is_pulled else but(range(80, 9999), line)
-    log = Log(lab, sent, patient=False, for_s=10, at={1.0: pull(lab)} if is_pulled else {})
-
-    assert isinstance(log.error, DeviceError)
-    assert log.took_s < took_s
-    assert len(log.rows) == pytest.approx(80, abs=2)
-
-
-def test_a_plug_that_comes_back_is_a_gap_and_one_that_stays_away_fails_the_run(lab: Lab) -> None:
-    back = Log(lab, line, for_s=6, at={1.0: pull(lab), 3.0: put_back(lab)})
-    away = Log(lab, line, for_s=4, at={1.0: pull(lab)})
-
-    assert back.error is None
-    assert back.reasons == away.reasons == ["unplugged"]
-    assert back.lost == back.missing == pytest.approx(160, abs=45)  # the port is looked for twice a second
-    assert isinstance(away.error, DeviceError)
-    assert away.lost == pytest.approx(240, abs=3)
-    assert len(away.rows) == pytest.approx(80, abs=2)
 
 
 def test_the_lock_of_a_port_named_by_a_link_stays_while_the_plug_is_pulled(lab: Lab, tmp_path: Path) -> None:
