@@ -22,12 +22,6 @@ def test_a_list_of_something_else_is_refused_with_what_it_should_be(text: str) -
         comma_list(text, "--motor", int, least=1, most=4, example="1,3")
 
 
-@pytest.mark.parametrize("text", ["nan", "inf,1", "-inf"])
-def test_a_number_is_finite(text: str) -> None:
-    with pytest.raises(ConfigError, match="--numerator"):
-        comma_list(text, "--numerator", float, example="1")
-
-
 def test_a_span_rises_from_zero_on() -> None:
     for text in ("0,4.5", "0:4.5"):  # the present form, and that of version 0.1
         assert span(text, "--window", unit="seconds", example="4,8") == (0.0, 4.5)

@@ -4,14 +4,12 @@ import json
 import os
 import shutil
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Literal
 
 import pytest
 
-from cfid.cli.parameters import set_by_hand
 from cfid.console.selection import chosen
 from cfid.errors import ConfigError
 from cfid.records.campaign import Campaign
@@ -278,14 +276,6 @@ def test_what_cannot_be_meant_changes_nothing(cfid: Cfid, campaign: Campaign, gi
     assert expected in ended.stderr
     assert (campaign.folder / "rig.toml").read_bytes() == before
     assert not campaign.parameters_file.exists()
-
-
-def test_what_two_hands_note_at_once_is_both_kept(campaign: Campaign) -> None:
-    with ThreadPoolExecutor(4) as pool:
-        for job in [pool.submit(set_by_hand, f"thing{i}_m", "1.0", campaign=campaign.folder) for i in range(12)]:
-            job.result()
-
-    assert len(sections_at(campaign.folder)["set"].parameters) == 12
 
 
 def runs_of(campaign: Campaign) -> list[Run]:

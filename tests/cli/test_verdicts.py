@@ -65,16 +65,6 @@ def test_a_sound_recording_is_good_for_what_it_is(
     assert verdict_line(read_run(run.folder)).startswith("good: " if usable else "NOT USABLE: ")
 
 
-def test_a_drop_is_judged_whatever_rig_toml_lacks_and_fitted_once_it_states_it(cfid: Cfid, bodies: Path) -> None:
-    rig = (bodies / "rig.toml").read_text()
-    before, _, after = rig.partition("[friction]")
-    (bodies / "rig.toml").write_text(before + after[after.index("\n[") :])
-    assert all(verdict_of(run, judge_drop).usable for run in runs_of(bodies, "drop"))
-    (bodies / "rig.toml").write_text(rig)
-
-    assert cfid("fit", "friction", "--no-figures", folder=bodies).returncode == 0
-
-
 def test_a_fault_of_rig_toml_condemns_no_recording(bodies: Path) -> None:
     (bodies / "rig.toml").write_text("[vehicle\n")
 

@@ -112,7 +112,7 @@ def test_a_battery_that_sags_under_a_rotor_moves_no_rate_beyond_its_uncertainty(
 
 def test_a_sag_that_no_voltage_shows_is_in_the_uncertainty(tmp_path: Path) -> None:
     plant = Plant(sag_v=0.25)
-    write_log(tmp_path / "log.csv", plant, 8, rotors=4, volts=False)
+    write_log(tmp_path / "log.csv", plant, 8, rotors=2, volts=False)
     result = fit(tmp_path / "log.csv")
 
     assert "lag-voltage-unknown" in codes(result, "warning")

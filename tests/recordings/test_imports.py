@@ -247,13 +247,6 @@ def test_a_swing_that_a_gyro_recorded_is_fitted_in_the_unit_of_its_head(
     assert square == pytest.approx(60.0, rel=1e-3)
 
 
-def test_rows_of_one_of_two_propellers_are_imported(imported: Import, tmp_path: Path) -> None:
-    lines = [f"{at / 50},{1000 + 100 * (at // 20 % 10)},{at // 200},{'AB'[at // 200]}" for at in range(400)]
-    (tmp_path / "two.csv").write_text("\n".join(["Time (s),ESC signal (us),Thrust (N),Prop", *lines, ""]))
-    run = imported(tmp_path / "two.csv", "--rows", "Prop=B")
-    assert set(column(run, "stand", "thrust_n")) == {1.0}
-
-
 def test_in_python_a_recording_is_imported_by_the_settings_that_read_it(tmp_path: Path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
     file = table(tmp_path / "a.csv", "when,phi_deg", TIME_S, np.degrees(ANGLE_RAD))
     how = How(columns=("t=when",))

@@ -169,12 +169,6 @@ def test_an_option_that_nothing_in_a_table_needs_is_an_error(tmp_path: Path, how
     assert refusal(tmp_path, "cmd,thrust_n\n0,0\n60000,1\n", how).code == "unused"
 
 
-def test_an_assumed_range_of_pulses_is_stated_and_a_given_one_is_not(tmp_path: Path) -> None:
-    text = "ESC signal (us),Thrust (gf)\n1000,0\n1500,20\n1900,60\n"
-    assert "esc-range-assumed" in codes(read(tmp_path, text))
-    assert "esc-range-assumed" not in codes(read(tmp_path, text, How(esc_us=(1000, 1900))))
-
-
 @pytest.mark.parametrize(("head", "larger"), [("ESC signal (us)", True), ("cmd", False)])
 def test_a_motor_with_its_own_controller_may_be_that_of_a_larger_vehicle(
     tmp_path: Path, head: str, *, larger: bool
@@ -185,14 +179,6 @@ def test_a_motor_with_its_own_controller_may_be_that_of_a_larger_vehicle(
 
 
 # How many motors
-
-
-@pytest.mark.parametrize(("head", "motors"), [("Thrust [N]", None), ("Thrust (N)", 2), ("thrust_n", 4)])
-def test_the_brackets_of_a_unit_decide_no_number_of_motors(tmp_path: Path, head: str, motors: int | None) -> None:
-    table = read(tmp_path, f"cmd,{head},torque_nm\n0,0,0\n40000,0.4,0.06\n", How(motors=motors))
-    assert table.motors == motors
-    assert np.asarray(table.thrust_n) == pytest.approx([0, 0.4 / (motors or 1)])
-    assert np.asarray(table.torque_nm) == pytest.approx([0, 0.06 / (motors or 1)])
 
 
 @pytest.mark.parametrize(

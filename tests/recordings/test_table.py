@@ -189,16 +189,6 @@ def test_a_column_is_taken_in_its_unit_or_asks_for_one(written: Written) -> None
     assert other.value.code == "other-unit"
 
 
-def test_a_unit_of_t_and_phi_is_that_of_the_time_and_the_angle_whatever_they_are_called(written: Written) -> None:
-    path = written("elapsed,enc\n" + "".join(f"{10 * row},{row}\n" for row in range(20)))
-    table = read_table(path, How(units={"t": "ms", "phi": "deg"}))
-
-    assert [(column.name, column.unit) for column in table.columns] == [("elapsed", "ms"), ("enc", "deg")]
-    with pytest.raises(ConfigError) as error:
-        read_table(path, How(units={"Fz": "N"}))
-    assert error.value.code == "no-column"
-
-
 # Files that were cut
 
 

@@ -3,10 +3,10 @@
 import os
 import re
 import shutil
-import stat
 import tomllib
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -17,11 +17,9 @@ import tomli_w
 
 from cfid.errors import ConfigError, DataError
 from cfid.recordings.angle import angle_record
-from cfid.recordings.read import read_recording
-from cfid.recordings.wrench import AXES, wrench_of
 from cfid.records.files import write_whole
 from cfid.records.fits import keep_fit, list_fits
-from cfid.records.parameters import Section, Source
+from cfid.records.parameters import Source
 from cfid.records.progress import PROGRESS_FILE, Counts, RunProgress, read_progress
 from cfid.records.rig_file import thesis_rig
 from cfid.records.run import DeviceRecord, Label, Run, list_runs, read_run
@@ -327,41 +325,25 @@ def encoder(folder: Path, *, rate_hz: float = 100, **facts: Any) -> Path:
     return made_run(folder, "encoder", {"encoder": columns}, facts_of=facts_of).folder
 
 
-def loadcell(folder: Path, *, rate_hz: float) -> Path:
-    counts = dict(zip(AXES, np.arange(240).reshape(6, 40), strict=True))
-    columns = {"t": STARTED_S + np.arange(40) / rate_hz, **counts}
-    facts_of = {"loadcell": {"counts_per_n": 1e6, "counts_per_nm": 1e6}}
-    return made_run(folder, "loadcell", {"loadcell": columns}, facts_of=facts_of).folder
-
-
-def test_spans_in_which_an_encoder_gave_nothing_are_said(tmp_path: Path) -> None:
+def test_spans_in_which_an_encoder_gave_nothing_are_reported(tmp_path: Path) -> None:
     reasons = ("no position came", "unplugged", "no position came")
-    gaps = [
-        {"from_s": STARTED_S + i, "to_s": STARTED_S + i + 0.5, "reason": reason} for i, reason in enumerate(reasons)
-    ]
-    folder = encoder(tmp_path, gaps=gaps)
+    gaps = [{"from_s": STARTED_S + i, "to_s": STARTED_S + i + 0.5, "reason": why} for i, why in enumerate(reasons)]
+    (note,) = angle_record(encoder(tmp_path, gaps=gaps)).notes
 
-    notes = angle_record(folder).notes
-
-    assert f"{folder.name}: no samples for 1.5 s in 3 gaps: no position came, unplugged." in notes
-
-
-def test_an_encoders_gap_that_makes_no_sense_is_refused_by_key(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match=r"run.toml: devices.encoder.gaps.0.to_s is missing"):
+    assert "1.5 s in 3 gaps: no position came, unplugged" in note
+    with pytest.raises(DataError, match=r"devices.encoder.gaps.0.to_s"):
         angle_record(encoder(tmp_path, gaps=[{"from_s": 1.0}]))
 
 
-@pytest.mark.parametrize("rate_hz", [0.5, 7, 1000, 100_000])
+@pytest.mark.parametrize("rate_hz", [0.5, 100_000])
 def test_a_run_of_any_rate_is_in_seconds(tmp_path: Path, rate_hz: float) -> None:
-    angle = angle_record(encoder(tmp_path / "a", rate_hz=rate_hz))
-    wrench = wrench_of(read_recording(loadcell(tmp_path / "b", rate_hz=rate_hz)))
+    angle = angle_record(encoder(tmp_path, rate_hz=rate_hz))
 
     assert angle.time_s[-1] == pytest.approx(39 / rate_hz, abs=1e-6)
-    assert wrench.time_s[-1] == pytest.approx(39 / rate_hz, abs=1e-6)
-    assert angle.notes == wrench.notes == ()
+    assert angle.notes == ()
 
 
-# Progress
+# Progress, which exists while a run is recorded
 
 
 COUNTED = RunProgress(
@@ -370,101 +352,57 @@ COUNTED = RunProgress(
 )
 
 
-@pytest.fixture
-def writer(tmp_path: Path) -> RunWriter:
-    devices = {"encoder": DeviceRecord(file="encoder.csv", columns=("t", "phi"))}
-    started = datetime.now(UTC)
-    return create_run(tmp_path, kind="swing", label=Label(), devices=devices, started=started, cfid_version="0")
-
-
-def test_the_counts_are_read_back_until_the_run_is_closed(writer: RunWriter) -> None:
+def test_the_counts_are_read_back_until_the_run_is_closed(tmp_path: Path) -> None:
+    writer = new(tmp_path)
     assert read_progress(writer.folder) == RunProgress()
     writer.sync(COUNTED)
     assert read_progress(writer.folder) == COUNTED
-    writer.close("complete")
-    assert sorted(path.name for path in writer.folder.iterdir()) == ["encoder.csv", "run.toml"]
-
-
-def test_a_thread_that_writes_while_the_run_is_closed_leaves_no_file(writer: RunWriter) -> None:
-    with ThreadPoolExecutor(4) as threads:
+    for content in (b"", b'{"devices": {"encoder": {"rows": -1, "lost": 0, "rate_hz": 1}}}', b"\xff"):
+        (writer.folder / PROGRESS_FILE).write_bytes(content)
+        assert read_progress(writer.folder) == RunProgress()
+    with ThreadPoolExecutor(4) as threads:  # which write while the run is closed
         for _ in range(40):
             threads.submit(writer.sync, COUNTED)
         writer.close("complete")
-    assert not (writer.folder / PROGRESS_FILE).exists()
-
-
-def test_nothing_is_written_into_another_folder_of_the_name(writer: RunWriter, tmp_path: Path) -> None:
-    writer.folder.rename(tmp_path / "moved")
-    writer.sync(COUNTED)
-    writer.folder.mkdir()
-    writer.sync(COUNTED)
-    with pytest.raises(DataError):
-        writer.close("failed")
-    assert list(writer.folder.iterdir()) == []
-
-
-@pytest.mark.parametrize("content", [b"", b'{"devices": {"encoder": {"rows": -1, "lost": 0, "rate_hz": 1}}}', b"\xff"])
-def test_a_damaged_file_states_nothing(writer: RunWriter, content: bytes) -> None:
-    (writer.folder / PROGRESS_FILE).write_bytes(content)
-    assert read_progress(writer.folder) == RunProgress()
-    writer.close("complete")
+    assert sorted(path.name for path in writer.folder.iterdir()) == ["encoder.csv", "run.toml"]
 
 
 # Other programs change the folder meanwhile
 
 
-NOON = datetime(2026, 11, 21, 12, tzinfo=UTC)
-
-
-def new_swing(folder: Path, started: datetime | None = None) -> RunWriter:
-    devices = {"encoder": DeviceRecord(file="encoder.csv", columns=("t", "phi"))}
-    when = started or datetime.now(UTC)
-    return create_run(folder, kind="swing", label=Label(), devices=devices, started=when, cfid_version="0")
-
-
-def test_a_run_that_is_removed_while_it_is_recorded_ends_with_the_next_rows(tmp_path: Path) -> None:
-    writer = new_swing(tmp_path)
-    writer.append("encoder", ([1.0], [7]))
-    shutil.rmtree(writer.folder)
-
-    with pytest.raises(DataError, match=r"encoder\.csv.* 1 row"):
-        writer.append("encoder", ([2.0], [8]))
-    with pytest.raises(DataError, match=r"run\.toml"):
-        writer.close("failed")
-
-
-@pytest.mark.parametrize("replaced", [False, True])
-def test_a_run_that_is_moved_while_it_is_recorded_ends_and_its_rows_are_where_it_went(
-    tmp_path: Path, replaced: bool
-) -> None:
-    writer = new_swing(tmp_path)
+@pytest.mark.parametrize("fate", ["removed", "moved", "replaced"])
+def test_a_run_that_is_removed_or_moved_ends_with_the_next_rows_and_is_where_it_went(tmp_path: Path, fate: str) -> None:
+    writer = new(tmp_path)
     writer.append("encoder", ([1.0], [7]))
     moved = writer.folder.rename(tmp_path / "moved")
-    if replaced:
+    if fate == "removed":
+        shutil.rmtree(moved)
+    if fate == "replaced":
         writer.folder.mkdir()
+        writer.sync(COUNTED)
 
     with pytest.raises(DataError, match=r"encoder\.csv.* 1 row"):
         writer.append("encoder", ([2.0], [8]))
     with pytest.raises(DataError, match=r"run\.toml"):
         writer.close("failed")
-
-    assert (moved / "encoder.csv").read_text() == "t,phi\n1.000000,7\n"
-    assert read_run(moved).header.state == "recording"
-    assert not replaced or not list(writer.folder.iterdir())
+    if fate != "removed":
+        assert (moved / "encoder.csv").read_text() == "t,phi\n1.000000,7\n"
+        assert read_run(moved).header.state == "recording"
+    assert fate != "replaced" or not list(writer.folder.iterdir())
 
 
 def test_a_file_that_another_program_cuts_ends_the_recording(tmp_path: Path) -> None:
-    writer = new_swing(tmp_path)
+    writer = new(tmp_path)
     writer.append("encoder", ([1.0, 2.0], [7, 8]))
     os.truncate(writer.folder / "encoder.csv", 8)
 
-    with pytest.raises(DataError, match=r"was cut by another program during the recording, with its 2 rows"):
+    with pytest.raises(DataError, match=r"was cut .* 2 rows"):
         writer.append("encoder", ([3.0], [9]))
     assert writer.close("complete").header.state == "failed"
 
 
 def test_rows_are_appended_to_what_another_program_wrote_meanwhile(tmp_path: Path) -> None:
-    with new_swing(tmp_path) as writer:
+    with new(tmp_path) as writer:
         path = writer.folder / "encoder.csv"
         writer.append("encoder", ([1.0], [7]))
         with path.open("a") as file:
@@ -474,39 +412,27 @@ def test_rows_are_appended_to_what_another_program_wrote_meanwhile(tmp_path: Pat
     assert path.read_text() == "t,phi\n1.000000,7\n1.500000,9\n2.000000,8\n"
 
 
-def test_a_file_is_written_beside_a_planted_link_and_not_through_it(tmp_path: Path) -> None:
-    victim = tmp_path / "victim"
-    victim.write_text("mine")
-    path = tmp_path / "parameters.toml"
+def test_a_file_is_written_beside_a_planted_link_and_not_through_it_nor_over_a_pipe(tmp_path: Path) -> None:
+    (tmp_path / "victim").write_text("mine")
+    path, pipe = tmp_path / "parameters.toml", tmp_path / "pipe"
     for name in (f".parameters.toml.{os.getpid()}.tmp", ".parameters.toml.tmp"):
-        (tmp_path / name).symlink_to(victim)
-    write_whole(path, b"new_swing")
-
-    assert victim.read_text() == "mine"
-    assert path.read_text() == "new_swing"
-    assert not path.is_symlink()
-
-
-def test_a_pipe_is_not_replaced_by_a_file_of_its_name(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "pipe")
-
-    with pytest.raises(OSError, match="a pipe or a device, where a file is expected"):
-        write_whole(tmp_path / "pipe", b"content")
-    assert stat.S_ISFIFO((tmp_path / "pipe").stat().st_mode)
-    assert [path.name for path in tmp_path.iterdir()] == ["pipe"]
-
-
-def test_a_pipe_among_fits_sources_or_lists_is_not_waited_for(tmp_path: Path) -> None:
-    fits, pipe = tmp_path / "fits", tmp_path / "pipe"  # reading a pipe would wait for a writer
-    keep_fit(fits, FIT)
-    os.mkfifo(fits / "2026-11-21_083013_inertia.json")
+        (tmp_path / name).symlink_to(tmp_path / "victim")
+    write_whole(path, b"new")
     os.mkfifo(pipe)
-    whole, broken = list_fits(fits)
-    section = Section(
-        method="m", found=datetime.now(UTC), cfid_version="0", accepted=True, parameters={},
-        sources=(Source("pipe", "0" * 64), Source("/dev/zero", "0" * 64)),
-    )  # fmt: skip
+    with pytest.raises(OSError, match="a pipe"):
+        write_whole(pipe, b"content")
+
+    assert (tmp_path / "victim").read_text() == "mine"
+    assert (path.read_text(), path.is_symlink(), pipe.is_fifo()) == ("new", False, True)
+
+
+def test_a_pipe_among_fits_or_sources_is_not_waited_for(tmp_path: Path) -> None:
+    keep_fit(tmp_path / "fits", FIT)
+    os.mkfifo(tmp_path / "fits" / "2026-11-21_083013_inertia.json")
+    os.mkfifo(tmp_path / "pipe")
+    whole, broken = list_fits(tmp_path / "fits")
+    sources = (Source("pipe", "0" * 64), Source("/dev/zero", "0" * 64))
 
     assert not isinstance(whole, DataError)
     assert isinstance(broken, DataError)
-    assert stale_in(tmp_path, (), thesis_rig())(section) == ()
+    assert stale_in(tmp_path, (), thesis_rig())(replace(FIT.section, sources=sources)) == ()
