@@ -5,7 +5,6 @@ import os
 import subprocess
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import Self
 
 from rich.console import Console
 from rich.table import Table
@@ -15,105 +14,68 @@ from cfid.console.processes import cfid_command
 from cfid.errors import FitError
 from cfid.quantities.rounding import value_and_std
 from cfid.records.campaign import Campaign
-from cfid.records.run import Run, list_runs
 from cfid.records.values import Values
 from cfid.units import COVERAGE_95
 
 _AT_ONCE = 2  # fits at a time: one for each processor of a small computer
 
-FITS_OVER_WIRES = (
-    "fit swing {swing[0]}",
-    "fit thrust {thrust[0]}",
-    "fit torque {thrust[0]}",
-    "tf identify",
-    "tf latency {ping[0]}",
-)
 HANDED_ON = ("export firmware", "export crazyflow", "export mujoco", "report")
 
 
 class Commands:
-    """Commands of cfid in processes of their own, two at a time; as a context manager, it ends those that still run."""
+    """Commands of cfid in processes of their own, two at a time, in a campaign's folder."""
 
     def __init__(self, campaign: Campaign, *, figures: bool) -> None:
         """Take the campaign that the commands are run in."""
-        self._campaign = campaign
-        self._processes = _Processes(campaign, figures=figures)
+        self._campaign, self._figures = campaign, figures
         self._pool = ThreadPoolExecutor(_AT_ONCE)
-        self._running: list[tuple[str, Future[tuple[int, str, str]]]] = []
+        self._running: list[tuple[str, Future[subprocess.CompletedProcess[str]]]] = []
+        # The recordings' commands change the environment meanwhile (typer does): a process that then starts with it
+        # reads freed memory.
+        self._environment = dict(os.environ)
 
     def start(self, commands: Sequence[str]) -> None:
         """Begin commands as soon as there is room; run names replace names of kinds."""
         names = runs_by_kind(self._campaign)
         for words in (command.format(**names) for command in commands):
-            self._running.append((words, self._pool.submit(self._processes.run, words)))
+            self._running.append((words, self._pool.submit(self._run, words)))
 
     def finish(self) -> None:
         """Wait for all, and print their output in order. Raises FitError, which names the command that failed."""
         running, self._running = self._running, []
-        for words, output in running:
-            _print_output(words, *output.result())
+        for words, future in running:
+            ended = future.result()
+            headline(f"\n$ cfid {words}")
+            echo(ended.stdout, nl=False)
+            if ended.returncode:
+                raise FitError(f"cfid {words} failed: {ended.stderr.strip()}")
 
-    def __enter__(self) -> Self:
-        """Return the commands."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """End those that still run."""
+    def cancel(self) -> None:
+        """Begin no further command; those that run end by themselves."""
         self._pool.shutdown(wait=False, cancel_futures=True)
-        self._processes.end()
 
-
-class _Processes:
-    """Commands of cfid, each in a separate process, in the campaign's folder."""
-
-    def __init__(self, campaign: Campaign, *, figures: bool) -> None:
-        """Prepare to run commands, without starting a process."""
-        self._folder, self._drawn = campaign.folder, [] if figures else ["--no-figures"]
-        # The recordings' commands change the environment meanwhile (typer does): a process that then starts with it
-        # reads freed memory.
-        self._environment = dict(os.environ)
-        self._started: list[subprocess.Popen[str]] = []
-
-    def run(self, words: str) -> tuple[int, str, str]:
-        """Run a command until it ends; return its exit code, stdout and stderr."""
-        drawn = self._drawn if words.startswith(("fit", "tf")) else []
-        process = subprocess.Popen(
+    def _run(self, words: str) -> subprocess.CompletedProcess[str]:
+        drawn = [] if self._figures or not words.startswith(("fit", "tf")) else ["--no-figures"]
+        return subprocess.run(
             cfid_command(*words.split(), *drawn),
-            cwd=self._folder,
+            cwd=self._campaign.folder,
             env=self._environment,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
+            capture_output=True,
             text=True,
+            check=False,
         )
-        self._started.append(process)
-        out, err = process.communicate()
-        return process.returncode, out, err
-
-    def end(self) -> None:
-        """End the processes that still run."""
-        for process in self._started:
-            process.terminate()
-
-
-def _print_output(words: str, code: int, out: str, err: str) -> None:
-    headline(f"\n$ cfid {words}")
-    echo(out, nl=False)
-    if code:
-        raise FitError(f"cfid {words} failed: {err.strip()}")
 
 
 def runs_by_kind(campaign: Campaign) -> dict[str, list[str]]:
     """Return the names of the campaign's runs by kind, in the order of recording."""
-    found: dict[str, list[str]] = {}
-    for run in list_runs(campaign.runs_folder):
-        if isinstance(run, Run):
-            found.setdefault(run.header.kind, []).append(run.folder.name)
-    return found
+    names: dict[str, list[str]] = {}
+    for run in campaign.runs(complete=False):
+        names.setdefault(run.header.kind, []).append(run.folder.name)
+    return names
 
 
 def print_comparison(campaign: Campaign, truth: Mapping[str, float]) -> None:
     """Print the true value next to every estimate, and whether the 95 % interval contains it."""
-
     table = Table(title="true values of the simulation and estimates", title_justify="left")
     table.add_column("parameter", overflow="fold")
     for heading in ("truth", "estimate", "std", "in 95 %"):
@@ -131,15 +93,14 @@ def print_comparison(campaign: Campaign, truth: Mapping[str, float]) -> None:
 
 def compared(values: Values, truth: Mapping[str, float]) -> Iterator[tuple[str, float, float, float | None]]:
     """Return name, true value, estimate and standard uncertainty of every number whose true value is known."""
-    found = {
+    numbers = {
         number.name: (number.value, number.std)
-        for value in values
-        for number in value.parameter.numbers(value.key)
+        for quantity in values
+        for number in quantity.parameter.numbers(quantity.key)
         if number.value is not None
     }
-    for name, true in truth.items():
-        if name in found:
-            yield name, true, *found[name]
+    for name in (name for name in truth if name in numbers):
+        yield name, truth[name], *numbers[name]
 
 
 def covers(true: float, value: float, std: float | None) -> bool:
