@@ -93,26 +93,26 @@ def fleet(
 
 
 def _print_screen(numbers: "Sequence[ComparedNumber]", summaries: "Sequence[Summary]") -> None:
-    """Print a line for each number of the vehicles, those first that differ, and how many other numbers there are."""
+    """Print a line for each number, those first that differ, then those with an aim; and how many others there are."""
     runs = counted(sum(summary.complete_runs for summary in summaries), "complete run")
     others = sum(summary.other_runs for summary in summaries)
     echo(f"{counted(len(summaries), 'campaign')}, {runs}, {others} not complete")
     if not numbers:
         echo("No number is fitted in these campaigns.")
         return
-    of_vehicles = [number for number in numbers if not number.of_run] or list(numbers)
-    ranked = sorted(of_vehicles, key=lambda number: _agree(number) and not (number.outliers or number.drifts))
+    differing = [number for number in numbers if number.outliers or number.drifts or not _agree(number)]
+    others_with_aim = [number for number in numbers if number.is_main and number not in differing]
     table = Table(box=SIMPLE, pad_edge=False, padding=(0, 1, 0, 0))
     table.add_column("number", overflow="fold")
     for heading in ("mean", "scatter", "expected", "n"):
         table.add_column(heading, no_wrap=True)
     table.add_column("outliers", overflow="fold")
-    for number in ranked[:_MOST_LINES]:
+    for number in ([*differing, *others_with_aim] or numbers)[:_MOST_LINES]:
         table.add_row(*(Text(printable(cell)) for cell in _cells(number)))
     print_table(table)
     more = len(numbers) - table.row_count
     if more:
-        echo(f"and {counted(more, 'number')} more: write the table to a file, or print JSON.")
+        echo(f"and {counted(more, 'other number')}: write the table to a file, or print JSON.")
     apart = sum(not _agree(number) for number in numbers)
     if apart:
         echo(f"* {apart} of {len(numbers)} numbers differ by more than their uncertainties.")

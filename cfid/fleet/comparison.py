@@ -14,7 +14,7 @@ from scipy.special import ndtr, ndtri, stdtr, stdtrit
 from cfid.errors import CfidError, DataError
 from cfid.estimate.propagation import Repeats, repeats
 from cfid.findings import Finding, warning
-from cfid.quantities.registry import is_of_the_run
+from cfid.quantities.registry import find
 from cfid.records import lab_book
 from cfid.records.campaign import open_campaign
 from cfid.records.files import sha256_of
@@ -33,7 +33,7 @@ _START_IN_NAME = "%Y-%m-%d_%H%M%S"  # the start of a run, in its name
 class KnownValue(NamedTuple):
     """A number of a campaign, with its standard uncertainty if known, and the time of its last recording.
 
-    `of_run` marks a number of one recording, such as the release angle of a swing.
+    `is_main` marks a number of a quantity that has an aim, such as the inertia.
     """
 
     name: str
@@ -42,7 +42,7 @@ class KnownValue(NamedTuple):
     unit: str
     recorded: datetime
     accepted: bool
-    of_run: bool
+    is_main: bool
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +75,7 @@ class ComparedNumber:
 
     name: str
     unit: str
-    of_run: bool
+    is_main: bool
     values: tuple[KnownValue | None, ...]
     used: int
     repeats: Repeats | None
@@ -117,8 +117,9 @@ def summarise(folder: str) -> Summary | CfidError:
                 value, std = float(number.value), None if number.std is None else float(number.std)
                 if abs(value) < _LARGEST and (not std or 1 / _LARGEST < std < _LARGEST):
                     name = f"{number.name} ({axis})" if axis else number.name  # fits such as `swing x` share names
-                    unit, of_run = quantity.parameter.unit, is_of_the_run(quantity.key)
-                    known.append(KnownValue(name, value, std, unit, recorded, quantity.accepted, of_run))
+                    row, unit = find(quantity.key), quantity.parameter.unit
+                    is_main = row is not None and row.aim is not None
+                    known.append(KnownValue(name, value, std, unit, recorded, quantity.accepted, is_main))
                 else:
                     stated = f"{number.name} is {value:g}" if std is None else f"{number.name} is {value:g} +- {std:g}"
                     findings.append(warning("number-not-compared", f"{stated}, which nobody measured: it is left out."))
@@ -175,7 +176,7 @@ def _compared(name: str, values: Sequence[KnownValue | None], campaigns: Sequenc
     return ComparedNumber(
         name=name,
         unit=known[0][1].unit,
-        of_run=known[0][1].of_run,
+        is_main=known[0][1].is_main,
         values=tuple(values),
         used=len(counting),
         repeats=repeats(time_s=time_s, value=value, std=std) if len(counting) > 1 else None,
