@@ -113,7 +113,7 @@ def _head(target: Target, vehicle: ExportVehicle) -> list[str]:
         "No place in this format": target.no_place(vehicle),
     }
     sentences = [f"{reason}: {names}." for reason, of in left_out.items() if (names := ", ".join(of))]
-    lines += textwrap.wrap(" ".join(sentences), _WIDTH)
+    lines += textwrap.wrap(" ".join(sentences), _WIDTH, max_lines=4)
     lines.append("Uncertainties and origins: `cfid parameters`, and as numbers `cfid export json`.")
     marks: dict[str, list[str]] = {}
     for caveat, keys in caveats(target, vehicle).items():

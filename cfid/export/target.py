@@ -22,6 +22,10 @@ from cfid.records.values import Values
 FOLDER = "exports"  # in a campaign's folder: exported files, and templates of its own
 _SIGNED = ("tf.delay_s",)  # negative where the force is earlier than its stamped input
 _LARGEST = 200_000  # characters of a template
+_MARKS = (  # the worst first
+    "REJECTED", "IMPLAUSIBLE", "OUTDATED", "SIMULATED",
+    "NO HOVERING", "EXTRAPOLATED", "OTHER RIG", "PRESET BY cfid new",
+)  # fmt: skip
 
 
 def _registered(need: str) -> str:
@@ -186,14 +190,4 @@ def caveats(target: Target, vehicle: ExportVehicle) -> dict[Caveat, Sequence[str
             if not low <= command <= high:
                 reason = f"hovering's command is {command:.0f}, and {low:.0f} to {high:.0f} were measured"
                 found[Caveat("EXTRAPOLATED", reason)] = ["hovering"]
-    order = (
-        "REJECTED",
-        "IMPLAUSIBLE",
-        "OUTDATED",
-        "SIMULATED",
-        "NO HOVERING",
-        "EXTRAPOLATED",
-        "OTHER RIG",
-        "PRESET BY cfid new",
-    )
-    return {caveat: found[caveat] for mark in order for caveat in found if caveat.mark == mark}
+    return {caveat: found[caveat] for mark in _MARKS for caveat in found if caveat.mark == mark}

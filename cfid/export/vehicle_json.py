@@ -16,7 +16,6 @@ from cfid.export.vehicle import ExportQuantity, ExportVehicle
 from cfid.records.parameters import Value, plain
 from cfid.version import __version__
 
-FORMAT = "cfid-vehicle-1"
 _DIRECTIONAL = ("inertia.", "drag.", "centre_of_mass_m")  # prefixes of keys with values in the body frame
 _TENSORS = ("inertia.matrix_kg_m2", "drag.simple_kg_per_rad", "drag.cross_coupling_kg_per_rad")
 
@@ -24,7 +23,6 @@ Number = Annotated[float, Field(strict=True)]
 Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
 Matrix = Annotated[list[Vector], Field(min_length=3, max_length=3)]
 Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
-Axis = Literal["x", "-x", "y", "-y", "z", "-z"]
 
 
 class Numbers(RootModel[Number | list["Numbers"] | None]):
@@ -35,13 +33,6 @@ class _Part(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
 
-class Turned(_Part):
-    """Inertia or drag with x forward, y left, z up."""
-
-    value: Numbers
-    std: Numbers
-
-
 class Entry(_Part):
     """A quantity as measured; `std` is the standard uncertainty, shaped as the value."""
 
@@ -49,7 +40,7 @@ class Entry(_Part):
     std: Numbers
     unit: str
     frame: Literal["campaign"] | None = Field(description="campaign where the numbers belong to its axes x, y and z")
-    in_vehicle_frame: Turned | None = None
+    in_vehicle_frame: dict[Literal["value", "std"], Numbers] = Field({}, description="x forward, y left, z up")
     accepted: bool = Field(description="false: the fit was rejected, and kept by force")
     simulated: bool = Field(description="true: some of its recordings are of a simulated rig")
     caveat: str
@@ -57,18 +48,13 @@ class Entry(_Part):
     origin: str = Field(description="Section, method, time, version and runs")
 
 
-class Axes(_Part):
-    """Which axis of the campaign's body frame points forward, left and up."""
-
-    forward: Axis
-    left: Axis
-    up: Axis
-
-
 class Frames(_Part):
-    """The campaign's and the vehicle's frames; the matrix R gives R v for vectors, R M R^T for matrices."""
+    """The campaign's frame, by which of its axes points where, and the vehicle's.
 
-    campaign: Axes
+    The matrix R turns to the latter: R v for vectors, R M R^T for matrices.
+    """
+
+    campaign: dict[Literal["forward", "left", "up"], Literal["x", "-x", "y", "-y", "z", "-z"]]
     vehicle: Literal["x forward, y left, z up; origin in the centre of mass"]
     campaign_to_vehicle: Matrix
 
@@ -140,7 +126,7 @@ def text_of(vehicle: ExportVehicle) -> str:
     v, frame = Derived(vehicle), vehicle.frame
     axes = [frame.turned(axis) for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
     content: dict[str, Any] = {
-        "format": FORMAT,
+        "format": "cfid-vehicle-1",
         "written_by": f"cfid {__version__}",
         "name": vehicle.name,
         "gravity_mps2": v["gravity_mps2"],

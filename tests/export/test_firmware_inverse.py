@@ -16,16 +16,14 @@ from cfid.estimate.voltage_cubic import cubic_fault, least_thrust_n
 from cfid.export.feasibility import impossible
 from cfid.motors.maps.estimation import compare_thrust
 from cfid.motors.points import frame
-from cfid.recordings.stand import read_stand, stand_of
 from cfid.records.covariances import numbers_of
 from tests.export.reading import TARGETS, export, macros
 from tests.export.thesis_vehicle import vehicle, with_value
-from tests.lab import DATA, sections_at
+from tests.lab import sections_at
 
 Array = npt.NDArray[np.float64]
 Inverse = Callable[..., tuple[Array, Array]]
 
-STOCK = DATA / "bitcraze_2021" / "cf21_stock2.csv"
 ROUNDING = 6.5  # of 65535: the largest fall of a motor command by single precision; a brushed motor has steps of 256
 BATTERIES_V = (3.0, 3.3, 3.7, 4.2)
 
@@ -139,18 +137,6 @@ def test_a_map_that_the_firmware_cannot_invert_is_no_header(cubic: list[float]) 
     known = with_value(with_value(vehicle(), "motor.thrust_voltage_poly", cubic), "motor.max_thrust_n", 0.16)
     with pytest.raises(DataError, match=r"motor\.thrust_voltage_poly"):
         export("firmware", known)
-
-
-def test_a_header_of_recorded_stock_motors_flies(inverse: Inverse) -> None:
-    """The map takes all rows of the recording, since the steady steps that a fit takes are too few for a cubic."""
-    if not STOCK.exists():
-        pytest.skip("the recordings of stock motors are not here")
-    table = stand_of(read_stand(STOCK))
-    found = compare_thrust(frame(table.command, vbat_v=table.vbat_v, thrust_n=table.thrust_n))
-
-    assert not found.rejected
-    assert found.departure == pytest.approx(0.014, abs=5e-4)
-    assert_header_flies(inverse, found.lowest_first, float(found.value.max()))
 
 
 @pytest.mark.parametrize("seed", range(3))
