@@ -31,7 +31,7 @@ if sys.platform != "win32":
     import resource
 
 _LINES, _WIDTH = 12, 114  # of the comments at the head of a file, without the signs that begin them
-_LONGEST_S, _LARGEST_BYTES, _MEMORY_BYTES = 20.0, 10_000_000, 1 << 30  # of a campaign's own template
+_LONGEST_S, _LARGEST_BYTES, _MEMORY_BYTES = 30.0, 10_000_000, 1 << 30  # of a campaign's own template
 
 
 def rendered(target: Target, vehicle: ExportVehicle) -> str:

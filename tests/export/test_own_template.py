@@ -7,13 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
 from jinja2 import TemplateError
 
 from cfid.errors import DataError
 from cfid.export.derived import Derived, Motor
 from cfid.export.render import rendered
-from cfid.export.target import target_named
+from cfid.export.target import Target, target_named
 from tests.export.thesis_vehicle import section, sections, vehicle
 from tests.lab import ROOT, Cfid, keep, keep_instead, new_campaign
 
@@ -40,6 +39,11 @@ def write(campaign: Path, body: str, head: str = HEAD) -> None:
     (campaign / "exports" / "mine.j2").write_text(head + body)
 
 
+def in_this_process(campaign: Path) -> Target:
+    """Return the campaign's template as a target that is rendered here, which is quicker than in a process."""
+    return target_named("mine", campaign).model_copy(update={"own": False})
+
+
 def test_a_template_in_the_campaign_is_exported_by_its_name_in_the_targets_axes(cfid: Cfid, campaign: Path) -> None:
     write(campaign, 'mass: {{ v["mass_kg"]|n }}\nroll: {{ v.inertia_kg_m2[0][0]|n }}\ndrag: {{ v.has("drag") }}\n')
     ended = cfid("export", "mine")
@@ -59,10 +63,11 @@ def test_the_template_of_the_how_to_is_exported(cfid: Cfid, campaign: Path) -> N
     )
     ended = cfid("export", "mine", "--out", "-")
     assert ended.returncode == 0, ended.stderr
-    robot = yaml.safe_load(ended.stdout)
+    lines = [line.partition("  #")[0] for line in ended.stdout.splitlines() if not line.startswith("#")]
+    robot = dict(line.split(": ") for line in lines if line)
 
     assert list(robot) == ["mass", "inertia", "motor1", "motor2", "motor3", "motor4", "lag"]
-    assert robot["motor1"] == pytest.approx([0.0325269, -0.0325269, 0], rel=1e-5)
+    assert json.loads(robot["motor1"]) == pytest.approx([0.0325269, -0.0325269, 0], rel=1e-5)
 
 
 def test_it_refuses_as_other_targets_do(cfid: Cfid, campaign: Path) -> None:
@@ -73,16 +78,12 @@ def test_it_refuses_as_other_targets_do(cfid: Cfid, campaign: Path) -> None:
     assert cfid("export", "mine", "--force").returncode == 0
     assert "REJECTED: inertia.matrix_kg_m2." in (campaign / "exports" / "robot.yaml").read_text()
 
-    write(campaign, "", HEAD.replace('"mass_kg", ', '"rotor_radius_m", '))
-    assert cfid("export", "mine", "--force").returncode == 4
 
-
-def test_it_reads_no_quantity_that_its_head_does_not_state_since_that_was_not_judged(
-    cfid: Cfid, campaign: Path
-) -> None:
+def test_it_reads_no_quantity_that_its_head_does_not_state_since_that_was_not_judged(campaign: Path) -> None:
     for body in ('{{ v["motor.max_thrust_n"] }}', "{{ v.moment_per_thrust_m }}"):
         write(campaign, body)
-        assert cfid("export", "mine", "--out", "-").returncode == 4
+        with pytest.raises(DataError):
+            rendered(in_this_process(campaign), vehicle())
 
 
 @pytest.mark.parametrize(
@@ -106,10 +107,9 @@ def test_it_reads_no_quantity_that_its_head_does_not_state_since_that_was_not_ju
 )
 def test_a_template_reaches_nothing_but_numbers(body: str, campaign: Path) -> None:
     write(campaign, body)
-    target = target_named("mine", campaign).model_copy(update={"own": False})  # in this process, which is quicker
 
     with pytest.raises((TemplateError, DataError)):
-        rendered(target, vehicle())
+        rendered(in_this_process(campaign), vehicle())
 
 
 @pytest.mark.parametrize(
@@ -126,7 +126,8 @@ def test_a_template_reaches_nothing_but_numbers(body: str, campaign: Path) -> No
 def test_a_template_that_takes_too_much_or_is_wrong_ends_and_is_named(
     body: str, place: str, cfid: Cfid, campaign: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("cfid.export.render._LONGEST_S", 8.0)
+    if body.count("range") > 1:
+        monkeypatch.setattr("cfid.export.render._LONGEST_S", 5.0)
     write(campaign, body)
     ended = cfid("export", "mine")
 
