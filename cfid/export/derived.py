@@ -285,8 +285,8 @@ class Derived:
     @cached_property
     def rpm_to_torque(self) -> Numbers:
         """Torque in N m over speed in rpm (3,), by the tangent at hovering of torque over thrust."""
-        constant, linear, square = (self.moment_per_thrust_m * coefficient for coefficient in self.rpm_to_thrust)
-        return [self.torque_at_no_thrust_nm + constant, linear, square]
+        _, linear, square = (self.moment_per_thrust_m * coefficient for coefficient in self.rpm_to_thrust)
+        return [self.torque_at_no_thrust_nm, linear, square]
 
     # The vehicle as separate bodies, of which each rotor is one
 

@@ -94,11 +94,6 @@ def assert_flies(
     assert worst < 0.01
 
 
-def assert_header_flies(inverse: Inverse, cubic: npt.ArrayLike, max_thrust_n: float) -> None:
-    known = with_value(vehicle(), "motor.thrust_voltage_poly", [float(number) for number in np.asarray(cubic)])
-    assert_text_flies(inverse, export("firmware", with_value(known, "motor.max_thrust_n", max_thrust_n)))
-
-
 def assert_text_flies(inverse: Inverse, header: str) -> None:
     found = macros(header)
     written = [found[f"VMOTOR2THRUST{power}"] for power in range(4)]
@@ -152,7 +147,8 @@ def test_a_fit_that_all_but_touches_the_limit_moves_inward_until_its_header_flie
     found = compare_thrust(frame(command, vbat_v=vbat_v, thrust_n=measured), max_thrust_n=most_n)
 
     assert not found.rejected
-    assert_header_flies(inverse, found.lowest_first, most_n)
+    known = with_value(vehicle(), "motor.thrust_voltage_poly", found.lowest_first.tolist())
+    assert_text_flies(inverse, export("firmware", with_value(known, "motor.max_thrust_n", most_n)))
 
 
 def test_every_cubic_that_is_drawn_and_delivered_gives_its_thrusts(inverse: Inverse) -> None:
