@@ -4,6 +4,7 @@ import os
 import re
 import shutil
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import pytest
 
 from cfid.quantities.plausible import implausible
 from cfid.quantities.registry import find, unit_of
-from tests.lab import DATA, ROOT, sections_at, values_at
+from tests.lab import DATA, ROOT, run_cfid, sections_at, values_at
 from tests.priority import ahead_of_others
 from tests.processes import cfid_in_a_shell
 
@@ -68,22 +69,22 @@ def play(page: Path, folder: Path) -> None:
 
 
 def alike(text: str, folder: Path) -> str:
-    """Return a text without what differs between runs: dates in names, the folder, and spaces at ends of lines."""
+    """Return a text without what differs between runs: dates in names, the folder, and how wide columns are."""
     text = re.sub(r"\d{4}-\d\d-\d\d_\d{6}", "DATE", text.replace(str(folder), "..."))
-    return "\n".join(line.rstrip() for line in text.splitlines()) + "\n"
+    return "\n".join(" ".join(line.split()) for line in text.splitlines()) + "\n"
 
 
 def agrees(shown: str, printed: str) -> bool:
-    """Return whether a printed line agrees with a line of a page; `   ...` at its end stands for any text.
+    """Return whether a printed line agrees with a line of a page; ` ...` at its end stands for any text.
 
     Whole numbers and words are the same. Other numbers may differ by two of their last digit, or by one in two
     thousand, and a value in a table by a fifth of its standard uncertainty. Files store times as Unix time, to a
     quarter of a microsecond, so a recording with the same seed is rounded differently at another hour.
     """
-    if shown.rstrip("\n").endswith("   ..."):
-        shown = shown.rstrip("\n").removesuffix("...").rstrip()
+    shown = shown.rstrip()
+    if shown.endswith(" ..."):
+        shown = shown.removesuffix(" ...").rstrip()
         printed = printed[: len(shown)]
-    shown, printed = shown.rstrip(), printed.rstrip()
     if NUMBER.sub("#", shown) != NUMBER.sub("#", printed):
         return False
     numbers = NUMBER.findall(shown)
@@ -138,6 +139,31 @@ def test_the_page_for_notebooks_runs_on_the_tutorials_campaign(
     assert (campaign.parent / "swing.csv").exists()
 
 
+def test_the_fits_of_how_tos_run_on_the_tutorials_campaign(campaigns: Path) -> None:
+    campaign = next(path.parent for path in sorted(campaigns.rglob("rig.toml")) if [*path.parent.glob("runs/*_sine_*")])
+    ran = []
+    for name in ("swing.md", "motors.md", "campaign.md"):
+        for words in commands_of(ROOT / "docs/how-to" / name):
+            ready = words[0] in ("fit", "tf", "status") and not re.search(r"\b[A-Z]{2}", " ".join(words))
+            if ready and words not in ran:
+                ended = run_cfid([*words, *(["--no-figures"] if words[0] != "status" else [])], campaign)
+                assert ended.returncode == 0, f"{name}: cfid {' '.join(words)}: {ended.stderr}"
+                ran.append(words)
+    assert len(ran) > 8
+
+
+def commands_of(page: Path) -> Iterator[list[str]]:
+    """Yield the arguments of each command in a page's blocks and in its code within lines."""
+    text = page.read_text(encoding="utf-8")
+    blocks = "".join(re.findall(r"^```sh\n(.*?)^```$", text, re.MULTILINE | re.DOTALL))
+    text = re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
+    lines = [*blocks.splitlines(), *re.findall(r"^ {4,}(.*)$", text, re.MULTILINE)]
+    for line in [*lines, *(" ".join(code.split()) for code in re.findall(r"`([^`]+)`", text))]:
+        for part in re.split(r" && | \|\| | > | 2> | \| |  +#| &$", line):
+            if part.startswith("cfid "):
+                yield part.replace('"', "").split()[1:]
+
+
 @pytest.mark.skipif(not DATA.exists(), reason="the public recordings are not here (CFID_DATA)")
 @pytest.mark.parametrize("page", [README, REAL], ids=["README", "real recordings"])
 def test_the_commands_on_public_recordings_print_what_the_page_shows(page: Path, tmp_path: Path) -> None:
@@ -164,7 +190,7 @@ def test_a_page_shows_what_it_runs(page: Path) -> None:
         ("x 1.6420e-05 to 3", "x 1.6420e-05 to 4", False),
         ("│ x │ 1.6420e-05 │ 3.0e-08 │", "│ x │ 1.6425e-05 │ 3.0e-08 │", True),
         ("│ x │ 1.6420e-05 │ 3.0e-08 │", "│ x │ 1.6427e-05 │ 3.0e-08 │", False),
-        ("a   ...", "a b 1", True),
+        ("a ...", "a b 1", True),
         ("a 1", "a 1 2", False),
     ],
 )
