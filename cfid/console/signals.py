@@ -107,24 +107,24 @@ def quick(
         faults = {answer.asked for answer in answers.get("loadcell", ()) if answer.state == "fault"}
         if not faults & _WORTHLESS:
             break
-    every = [(name, answer) for name, own in answers.items() for answer in own]
+    facts = [(name, answer) for name, device_answers in answers.items() for answer in device_answers]
     lines = [
         f"{name}, {answer.asked}: {answer.answer} (limit {answer.limit}): {answer.advice}."
-        for name, answer in every
+        for name, answer in facts
         if answer.state != "ok"
     ]
     if faults & _WORTHLESS:
         raise DeviceError(f"not recorded: {' '.join(lines)} `no_preflight` records nevertheless.")
     for line in lines:
         note(line)
-    return next((f"; battery {answer.answer}" for _, answer in every if answer.asked == _CHARGE), "")
+    return next((f"; battery {answer.answer}" for _, answer in facts if answer.asked == _CHARGE), "")
 
 
 def _rate(record: DeviceRecord, sampled: Sampled, limits: CheckLimits) -> list[DeviceAnswer]:
     count, advice = sampled.rows + (sampled.lost or 0), "use a direct cable, or move the antenna nearer"
     share = math.inf if sampled.lost is None else sampled.lost / count
-    shown = "unknown: more samples than the stated rate" if sampled.lost is None else f"{share:.2%} of {count} samples"
-    losses = _answer("losses", shown, f"{limits.losses:.2%}", advice, within=share <= limits.losses)
+    lost = "unknown: more samples than the stated rate" if sampled.lost is None else f"{share:.2%} of {count} samples"
+    losses = _answer("losses", lost, f"{limits.losses:.2%}", advice, within=share <= limits.losses)
     rate_hz = (record.model_extra or {}).get("settings", {}).get("rate_hz", record.rate_hz)
     if rate_hz is None:
         return [losses]
@@ -151,37 +151,31 @@ def _angle_at_rest(record: DeviceRecord, sampled: Sampled, limits: CheckLimits) 
 
 
 def _load_at_rest(record: DeviceRecord, sampled: Sampled, limits: CheckLimits, *, calm: bool) -> list[DeviceAnswer]:
-    """Judge load, noise and drift of a Net F/T by the range of each axis; a device that sends lines has no limits."""
+    """Judge load, noise and drift by the range of each axis; a device that sends lines has neither range nor limits."""
     axes = [axis for axis in _AXES if axis in sampled.columns]
     values = np.column_stack([sampled.columns[axis] for axis in axes])
-    noise, drift, sure = _noise_and_drift(values)
-    extra = record.model_extra or {}
-    if "settings" not in extra:
-        return [
-            DeviceAnswer(name, "ok", ", ".join(f"{axis} {value:.2g}" for axis, value in zip(axes, own, strict=True)))
-            for name, own in (("noise", noise), ("drift", drift))
-        ]
-    settings = extra["settings"]
-    per_force_and_torque = np.repeat([settings["counts_per_force"], settings["counts_per_torque"]], 3)
-    largest = np.array(settings["ranges"]) * per_force_and_torque
-    milli = 1e3 / np.repeat([extra["counts_per_n"], extra["counts_per_nm"]], 3)
-
-    def of_range(name: str, own: Array, limit: float, advice: str, judged: Array, *, has_limit: bool) -> DeviceAnswer:
-        worst = int(np.argmax(judged / largest))
-        unit = "mN" if axes[worst].startswith("F") else "mNm"
-        shown = f"{axes[worst]} {own[worst] * milli[worst]:.2g} {unit}, {own[worst] / largest[worst]:.2%} of its range"
-        within = not has_limit or judged[worst] <= limit * largest[worst]
-        return _answer(name, shown, f"{limit:.2%}" if has_limit else "", advice, within=bool(within))
-
-    load = np.max(np.abs(values), axis=0)
-    lower = "take load off, or mount the vehicle lower: beyond its range the cell shows no forces"
+    noise, drift, sure_drift = _noise_and_drift(values)
     quieter = "look for vibration, mains adapters, a draught, or a cable that touches the vehicle"
     warmer = "let the cell warm up for half an hour, and keep draughts and hands away"
-    return [
-        of_range("load", load, limits.load, lower, load, has_limit=True),
-        of_range("noise", noise, limits.noise, quieter, noise, has_limit=calm),
-        of_range("drift", drift, limits.drift, warmer, sure, has_limit=calm),
-    ]
+    facts = [("noise", noise, noise, limits.noise, quieter), ("drift", drift, sure_drift, limits.drift, warmer)]
+    extra = record.model_extra or {}
+    ranges, milli = np.full(len(axes), np.inf), np.full(len(axes), 1e3)
+    if settings := extra.get("settings"):
+        ranges = settings["ranges"] * np.repeat([settings["counts_per_force"], settings["counts_per_torque"]], 3)
+        milli = 1e3 / np.repeat([extra["counts_per_n"], extra["counts_per_nm"]], 3)
+        load = np.max(np.abs(values), axis=0)
+        lower = "take load off, or mount the vehicle lower: beyond its range the cell shows no forces"
+        facts.insert(0, ("load", load, load, limits.load, lower))
+    answers = []
+    for asked, sizes, judged_sizes, limit, advice in facts:
+        worst = int(np.argmax(judged_sizes / ranges))
+        size = f"{axes[worst]} {sizes[worst] * milli[worst]:.2g} {'mN' if axes[worst].startswith('F') else 'mNm'}"
+        if settings:
+            size += f", {sizes[worst] / ranges[worst]:.2%} of its range"
+        has_limit = bool(settings) and (calm or asked == "load")
+        within = not has_limit or bool(judged_sizes[worst] <= limit * ranges[worst])
+        answers.append(_answer(asked, size, f"{limit:.2%}" if has_limit else "", advice, within=within))
+    return answers
 
 
 def _noise_and_drift(values: Array) -> tuple[Array, Array, Array]:
@@ -198,12 +192,12 @@ def _noise_and_drift(values: Array) -> tuple[Array, Array, Array]:
 def _battery(volts: float, limits: CheckLimits, plan: Sequence[Held]) -> DeviceAnswer:
     """Judge the battery by its voltage, and by how long it lasts; only a warning, since a supply does not run empty."""
     lasting = endurance(volts, plan) if plan else None
-    shown, limit, within = f"{volts:.2f} V", f"{limits.battery_v:g} V", volts >= limits.battery_v
+    answer, limit, within = f"{volts:.2f} V", f"{limits.battery_v:g} V", volts >= limits.battery_v
     if lasting is not None:
-        shown = f"{shown}: about {lasting.charge:.0%}, lasts {clock(lasting.lasts_s)} min at this plan's currents"
+        answer = f"{answer}: about {lasting.charge:.0%}, lasts {clock(lasting.lasts_s)} min at this plan's currents"
         limit, within = f"{clock(lasting.takes_s)} min, on a cell of {CELL_MAH:g} mAh", lasting.enough
     state: State = "ok" if within else "warning"
-    return DeviceAnswer(_CHARGE, state, shown, "" if within else "charge it, or record in parts", limit)
+    return DeviceAnswer(_CHARGE, state, answer, "" if within else "charge it, or record in parts", limit)
 
 
 def _answer(asked: str, answer: str, limit: str, advice: str, *, within: bool) -> DeviceAnswer:

@@ -87,11 +87,11 @@ class ComparedNumber:
     @property
     def drifts(self) -> bool:
         """Whether the drift is significant at 99 % confidence."""
-        found = self.repeats
-        if found is None or found.drift_per_day is None or not found.drift_std_per_day:
+        repeats = self.repeats
+        if repeats is None or repeats.drift_per_day is None or not repeats.drift_std_per_day:
             return False
-        limit = ndtri(_CERTAIN) if found.probability is not None else stdtrit(self.used - 2, _CERTAIN)
-        return bool(abs(found.drift_per_day) > limit * found.drift_std_per_day)
+        limit = ndtri(_CERTAIN) if repeats.probability is not None else stdtrit(self.used - 2, _CERTAIN)
+        return bool(abs(repeats.drift_per_day) > limit * repeats.drift_std_per_day)
 
 
 def summarise(folder: str) -> Summary | CfidError:
