@@ -1,19 +1,13 @@
 """The app's core in the simulated vehicle is compiled once, or an error names what is missing and the alternative."""
 
-import shutil
 from pathlib import Path
 
 import pytest
 
 from cfid.errors import DeviceError
-from cfid.sim.app_core import compiled, find_source, load_library
+from cfid.sim.app_core import compiled, find_source
 
 WAY_OUT = r'gcc.*firmware = "stock"'
-
-
-@pytest.mark.skipif(not (shutil.which("cc") or shutil.which("gcc")), reason="there is no C compiler")
-def test_with_a_compiler_it_is_compiled_once() -> None:
-    assert load_library() is load_library()
 
 
 def test_without_a_compiler_the_error_names_gcc_and_the_way_out(

@@ -1,5 +1,6 @@
-"""Signals request the end of a loop: its coroutine ends in its own time, and the program's handlers are restored."""
+"""Signals request the end of a loop, whose handlers are restored; it has priority over programs only while it runs."""
 
+import os
 import signal
 import subprocess
 import sys
@@ -163,3 +164,40 @@ def test_errors_come_out_of_a_loop_and_handlers_come_back(error: BaseException) 
     with pytest.raises(type(error)):
         run_until_done(fails)
     assert signal.getsignal(signal.SIGINT) is before
+
+
+LOOP = """
+import os, sys
+from cfid.rig.loop import run_until_done
+
+if sys.argv[1] == "nobody" and os.geteuid() == 0:
+    os.setuid(65534)
+
+async def main(loop, ending):
+    print(os.sched_getscheduler(0))
+    if sys.argv[1] == "failing":
+        raise RuntimeError("a bug")
+
+try:
+    run_until_done(main)
+except RuntimeError:
+    pass
+print(os.sched_getscheduler(0))
+"""
+
+
+def is_granted() -> bool:
+    """Return whether this user may have real-time priority, on more than one processor."""
+    body = "import os; os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))"
+    ended = subprocess.run([sys.executable, "-c", body], capture_output=True, check=False)
+    return ended.returncode == 0 and len(os.sched_getaffinity(0)) > 1
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setscheduler"), reason="real-time scheduling of Linux")
+@pytest.mark.parametrize(("user", "may"), [("this", True), ("failing", True), ("nobody", False)])
+def test_a_loop_runs_ahead_where_that_is_granted_and_only_while_it_runs(user: str, may: bool) -> None:
+    words = [sys.executable, "-W", "error", "-c", LOOP, user]
+    ended = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=True)
+    within = os.SCHED_RR if may and is_granted() else os.SCHED_OTHER
+
+    assert ended.stdout.split() == [str(within), str(os.SCHED_OTHER)]

@@ -1,7 +1,9 @@
-"""RDT requests and records, byte by byte."""
+"""RDT requests, records and status words, byte by byte: which bits are faults, and which are warnings."""
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from cfid.wire.rdt import (
     RECORD,
@@ -13,6 +15,8 @@ from cfid.wire.rdt import (
     encode_request,
     is_block,
 )
+from cfid.wire.rdt_status import Family, family_of, read_status
+from tests.wire.pieces import FEW
 
 REQUESTS = [
     (Request(Command.STOP), "1234 0000 00000000"),
@@ -60,3 +64,32 @@ def test_a_datagram_is_a_block_when_it_holds_1_to_40_whole_records() -> None:
 def test_bytes_that_are_no_whole_records_are_refused(size: int) -> None:
     with pytest.raises(ValueError):
         decode_records(bytes(size))
+
+
+FAMILIES: tuple[Family, Family] = ("netft", "axia")
+WARNING_BITS = {"netft": 1 << 16, "axia": 1 << 3 | 1 << 16 | 1 << 26 | 1 << 28}  # what the makers call no errors
+SUMMARY = 1 << 31
+
+
+@FEW
+@given(word=st.integers(0, 2**32 - 1), family=st.sampled_from(FAMILIES))
+def test_each_bit_of_any_word_is_one_fault_or_one_warning(word: int, family: Family) -> None:
+    status = read_status(word, family)
+    bits = word & ~SUMMARY
+    assert len(set(status.faults + status.warnings)) == len(status.faults + status.warnings)
+    assert len(status.warnings) == (bits & WARNING_BITS[family]).bit_count()
+    assert len(status.faults) == (bits & ~WARNING_BITS[family]).bit_count() + (word == SUMMARY)
+
+
+@pytest.mark.parametrize(
+    ("product", "family"),
+    [
+        ("Net F/T", "netft"),
+        ("Ethernet Axia80", "axia"),
+        ("ETHERNET AXIA", "axia"),
+        ("AXIA80-M20", "axia"),
+        ("", "netft"),
+    ],
+)
+def test_the_product_name_gives_the_family(product: str, family: Family) -> None:
+    assert family_of(product) == family
