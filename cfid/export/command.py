@@ -64,7 +64,7 @@ def export(
     Example: [bold]cfid export crazyflow[/bold]
     """
     from cfid.export.render import rendered
-    from cfid.export.target import FOLDER, caveats, need_text, refuse, target_named
+    from cfid.export.target import FOLDER, need_text, refuse, target_named, warnings
 
     opened = here(campaign)
     vehicle, values = _collected(opened)
@@ -88,8 +88,8 @@ def export(
         echo(text, nl=False)
     else:
         _write({Path(out) if out else opened.folder / FOLDER / wanted.file_name: text.encode()}, force=force)
-    for caveat, keys in caveats(wanted, vehicle).items():
-        note(f"{caveat.mark}: {', '.join(keys)}: {caveat.reason}.")
+    for warning in warnings(wanted, vehicle):
+        note(warning)
     for use in wanted.not_measured(vehicle):
         note(f"not measured, and left out or marked: {need_text(use)}.")
 
@@ -128,14 +128,12 @@ def _write_samples(
     vehicle: "ExportVehicle", values: "Values", folder: Path, *, count: int, seed: int, force: bool
 ) -> None:
     from cfid.export.samples import EVERYTHING, LISTS, counts_text, draw
-    from cfid.export.target import caveats, need_text, refuse, target_named
+    from cfid.export.target import need_text, refuse, target_named, warnings
 
     refuse(EVERYTHING, vehicle, values, force=force)
     samples = draw(vehicle, values, count=count, seed=seed)
-    warnings = [
-        f"{caveat.mark}: {', '.join(keys)}: {caveat.reason}." for caveat, keys in caveats(EVERYTHING, vehicle).items()
-    ]
-    files = samples.files(vehicle, seed, warnings)
+    marks = warnings(EVERYTHING, vehicle)
+    files = samples.files(vehicle, seed, marks)
     _write({folder / name: content for name, content in files.items()}, force=force)
     reasons = f": {counts_text(samples.reasons)}" if samples.reasons else ""
     echo(f"{100 * samples.rejected_share:.1f} % of {samples.draws} draws rejected{reasons}.")
@@ -146,8 +144,8 @@ def _write_samples(
             f"no covariance is kept of {', '.join(samples.joint.independent)}: their numbers are drawn independently. "
             "Fit again to have it."
         )
-    for warning in warnings:
-        note(warning)
+    for mark in marks:
+        note(mark)
     for name in LISTS:
         if missing := target_named(name, folder).missing(vehicle):
             needs = "; ".join(map(need_text, missing))

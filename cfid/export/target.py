@@ -191,3 +191,9 @@ def caveats(target: Target, vehicle: ExportVehicle) -> dict[Caveat, Sequence[str
                 reason = f"hovering's command is {command:.0f}, and {low:.0f} to {high:.0f} were measured"
                 found[Caveat("EXTRAPOLATED", reason)] = ["hovering"]
     return {caveat: found[caveat] for mark in _MARKS for caveat in found if caveat.mark == mark}
+
+
+def warnings(target: Target, vehicle: ExportVehicle) -> list[str]:
+    """Return a sentence for each caveat."""
+    found = caveats(target, vehicle)
+    return [f"{caveat.mark}: {', '.join(keys)}: {caveat.reason.rstrip('.')}." for caveat, keys in found.items()]

@@ -183,7 +183,7 @@ def _stated(rig: Rig, rig_file: str) -> dict[str, ExportQuantity]:
             False,
         ),
     }
-    reason = f"as `cfid new` writes it, which is the thesis' vehicle: was yours measured? ({rig_file})"
+    reason = f"the thesis vehicle's: was yours measured? ({rig_file})"
     return {
         key: ExportQuantity(
             key=key,
