@@ -1,6 +1,8 @@
 """Signals request the end of a loop, whose handlers are restored; it has priority over programs only while it runs."""
 
 import os
+import pty
+import select
 import signal
 import subprocess
 import sys
@@ -72,6 +74,46 @@ say(before == [signal.getsignal(number) for number in numbers])
         if number != numbers[-1]:
             assert process.stdout.readline() == "ready\n"
     assert said(process) == ["True"]
+
+
+def test_a_background_job_that_its_terminal_warns_comes_to_its_end() -> None:
+    """The terminal sends the signal again whenever the write is retried, forever unless one side gives in."""
+    body = (
+        PREFACE
+        + """
+import os, termios
+
+terminal = os.open("/dev/tty", os.O_RDWR)
+settings = termios.tcgetattr(terminal)
+settings[3] |= termios.TOSTOP
+termios.tcsetattr(terminal, termios.TCSANOW, settings)
+if os.fork():
+    os.waitpid(-1, 0)
+    sys.exit()
+os.setpgid(0, 0)  # in the background from now on
+
+async def main(loop, ending):
+    os.write(terminal, b"written\\n")
+    await ending.within(None)
+    os.write(terminal, f"{ending.signal}\\n".encode())
+
+run_until_done(main)
+"""
+    )
+    process, terminal = pty.fork()
+    if not process:
+        os.chdir(ROOT)
+        os.execv(sys.executable, [sys.executable, "-c", body])
+    try:
+        seen = b""
+        while b"SIGTTOU" not in seen:
+            assert select.select([terminal], [], [], 20)[0], seen
+            seen += os.read(terminal, 100)
+    finally:
+        os.kill(process, signal.SIGKILL)
+        os.waitpid(process, 0)
+        os.close(terminal)
+    assert b"written" in seen
 
 
 def test_a_program_under_nohup_does_not_end_when_its_terminal_does() -> None:
