@@ -80,6 +80,12 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         measured_by="`cfid log thrust`, then `cfid fit thrust RUN`",
         aims=("motor.max_thrust_n", "motor.hover_mass_kg"),
     ),
+    "rotor": Experiment(
+        title="Rotor speed from vibration",
+        fit="fit speed",
+        function="cfid.motors.maps.command:speed",
+        line="Estimate rotor speeds from the load cell's vibration, in each steady window or a given one.",
+    ),
     "speed": Experiment(
         title="Command to rotor speed",
         fit="fit speed",
@@ -95,12 +101,6 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         line="Fit one motor's torque over its thrust.",
         measured_by="`cfid log thrust`, then `cfid fit torque RUN`",
         aims=("motor.torque_poly",),
-    ),
-    "rotor": Experiment(
-        title="Rotor speed from vibration",
-        fit="fit rotor",
-        function="cfid.motors.vibration.command:rotor",
-        line="Estimate rotor speeds from the load cell's vibration, in each steady window or a given one.",
     ),
     "dynamics": Experiment(
         title="Rotor dynamics",

@@ -1,12 +1,12 @@
 """`cfid fits`: list a campaign's kept fits, withdraw them, and repeat them."""
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from cfid.console.campaign import here, write_parameters
 from cfid.console.messages import echo, note
+from cfid.console.program import program
 
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
@@ -15,15 +15,10 @@ if TYPE_CHECKING:
 
 _DIFFERENT = 1e-6  # of a standard uncertainty: below it, numbers differ by rounding
 
-CampaignFolder = Annotated[Path | None, typer.Option(help="Campaign folder; default: the current folder or a parent.")]
 FitWord = Annotated[str, typer.Argument(metavar="FIT", help="A fit's name as `cfid fits` lists it, or its number.")]
 
 
-def show_fits(
-    context: typer.Context,
-    campaign: CampaignFolder = None,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
-) -> None:
+def show_fits(context: typer.Context) -> None:
     """List the campaign's kept fits: which count, and why the others do not.
 
     [bold]cfid parameters --why KEY[/bold] compares the fits that have one parameter.
@@ -35,7 +30,7 @@ def show_fits(
     from cfid.errors import DataError
     from cfid.records.fits import is_withdrawn, list_fits
 
-    found = here(campaign)
+    found = here()
     values, listed = found.values(), list_fits(found.fits_folder)
     counts = {fit.stem: len(quantities) for fit, quantities in values.by_fit.items()}
     rows = [
@@ -45,7 +40,7 @@ def show_fits(
     ]
     for fault in (fault for fault in listed if isinstance(fault, DataError)):
         note(f"{fault} The fit does not count.")
-    if json:
+    if program().json:
         import json as encoder
 
         content = [
@@ -71,17 +66,14 @@ def show_fits(
     print_table(table) if rows else echo("no fits yet: `cfid fit --help` lists them.")
 
 
-def drop(
-    words: Annotated[list[str], typer.Argument(metavar="FIT ...", help="Names or numbers of fits.")],
-    campaign: CampaignFolder = None,
-) -> None:
+def drop(words: Annotated[list[str], typer.Argument(metavar="FIT ...", help="Names or numbers of fits.")]) -> None:
     """Withdraw fits, so that the next best count. Nothing is deleted.
 
     Example: [bold]cfid fits drop 0007_thrust[/bold]
     """
     from cfid.records.fits import withdraw
 
-    found = here(campaign)
+    found = here()
     for fit in [_fit_named(word, found) for word in words]:
         before = {quantity.key for quantity in found.values() if quantity.fit.stem == fit.stem}
         withdraw(found.fits_folder, fit)
@@ -94,7 +86,7 @@ def drop(
     write_parameters(found)
 
 
-def repeat(word: FitWord, campaign: CampaignFolder = None) -> None:
+def repeat(word: FitWord) -> None:
     """Repeat a kept fit from its runs and options, and state whether the numbers are the same. Nothing is kept.
 
     Example: [bold]cfid fits repeat 0007_thrust[/bold]
@@ -104,7 +96,7 @@ def repeat(word: FitWord, campaign: CampaignFolder = None) -> None:
     from cfid.fleet.refit import moves_of
     from cfid.records.parameters import runs_of
 
-    found = here(campaign)
+    found = here()
     fit = _fit_named(word, found)
     elsewhere = [source.path for source in fit.section.sources if not source.run]
     if elsewhere or not fit.section.sources:

@@ -1,7 +1,7 @@
 """Groups of commands: the table lists the commands, and calling a command imports its module."""
 
-import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from contextlib import suppress
 from importlib import import_module
 from typing import Any
 
@@ -10,9 +10,39 @@ from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command, get_group
 
 from cfid.cli.table import COMMANDS
-from cfid.console.messages import patience
+from cfid.console.program import given_options, giving, program
+from cfid.errors import CfidError, DataError, FitError, RejectedError
+from cfid.experiments import EXPERIMENTS
 
-_OF_FILES = frozenset(("convert", "fit", "import", "report", "show", "tf", "validate"))  # may take long
+
+class Command(TyperCommand):
+    """A command that knows the options it was given, and keeps why a fit of all its runs gave nothing."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command with its options."""
+        with giving(ctx):
+            try:
+                return super().invoke(ctx)
+            except (DataError, FitError) as error:
+                if not isinstance(error, RejectedError) and not given_options() and not any(_words(ctx)):
+                    _keep_refusal(ctx.command_path.partition(" ")[2], str(error))
+                raise
+
+
+def _words(context: Any) -> list[Any]:
+    """Return the values of a command's arguments."""
+    arguments = [parameter.name for parameter in context.command.params if parameter.param_type_name == "argument"]
+    return [context.params.get(name) for name in arguments]
+
+
+def _keep_refusal(command: str, reason: str) -> None:
+    """Keep why a fit gave no result, for `cfid status`; a failure to keep it is ignored: the error is raised anyway."""
+    from cfid.records.campaign import find_campaign
+
+    section = {row.fit: name for name, row in EXPERIMENTS.items()}.get(command)
+    with suppress(CfidError, OSError):
+        if section is not None and (campaign := find_campaign(program().campaign)) is not None:
+            campaign.keep_refused(section, command, reason)
 
 
 class LazyGroup(TyperGroup):
@@ -47,10 +77,8 @@ def _imported(path: str, rest: Sequence[str] = ()) -> Any:
         return get_group(group)
     module, _, function = where.partition(":")
     command = getattr(import_module(module), function)
-    if path.partition(" ")[0] in _OF_FILES:
-        command = _patient(path, command)
     alone = typer.Typer(add_completion=False)
-    alone.command(path.rpartition(" ")[2])(command)
+    alone.command(path.rpartition(" ")[2], cls=Command)(command)
     found = get_command(alone)
     if not _below(path):
         return found
@@ -59,16 +87,3 @@ def _imported(path: str, rest: Sequence[str] = ()) -> Any:
     own = typer.Typer(cls=LazyGroup, name=path)
     own.callback(invoke_without_command=True)(command)
     return get_group(own)
-
-
-def _patient(path: str, command: Callable[..., None]) -> Callable[..., None]:
-    """Return a command that shows that it works, and that remembers a fit without a result."""
-
-    @functools.wraps(command)
-    def called(**options: Any) -> None:
-        from cfid.guide.refused import remembered
-
-        with patience(), remembered(path, command, options):
-            command(**options)
-
-    return called

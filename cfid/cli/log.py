@@ -5,25 +5,26 @@ from typing import Annotated
 
 import typer
 
-from cfid.console.flat import flat
-from cfid.console.labels import LabelOptions, LoadOptions
+from cfid.console.labels import AtMm, Axis, Body, Note, Pull, Weight, kind_of_angles, label_of, with_load
 from cfid.console.live import LiveLine
 from cfid.console.options import positive
-from cfid.console.recording import KeepOptions, Lasting, record, refuse_mixture, rehearse, rig_of
-from cfid.console.vehicle import LinkOptions, reach
+from cfid.console.recording import DryRun, ForS, record, refuse_mixture, rehearse, rig_of
+from cfid.console.vehicle import Uri, reach
 from cfid.experiments import judge_of
 
-_CABLE_MS, _RADIO_MS = 1, 10  # between rows of gyro and accelerometer
+_CABLE_MS, _RADIO_MS = 1, 10  # between rows of gyro and accelerometer; any radio link sustains the latter
 
 
-@flat
 def encoder(
     *,
-    label: LabelOptions,
-    lasting: Lasting,
-    keep: KeepOptions,
+    axis: Axis = None,
+    weight: Weight = None,
+    body: Body = None,
+    for_s: ForS = None,
     port: Annotated[str | None, typer.Option(help="Serial port; default: rig.toml's, else search for it.")] = None,
     rate_hz: Annotated[float | None, typer.Option(help="Polls per second; default: rig.toml's.")] = None,
+    dry_run: DryRun = False,
+    note: Note = None,
 ) -> None:
     """Record the encoder until Ctrl-C.
 
@@ -33,88 +34,84 @@ def encoder(
     from cfid.rig.encoder import ready_encoder
     from cfid.rig.run import Plan
 
-    rig = rig_of(keep.campaign)
-    campaign, devices, simulated = rig.campaign, rig.devices, rig.simulated
-    kept = label.label(campaign)
-    setting, counts_per_turn = devices.encoder, campaign.rig.encoder.counts_per_turn
+    rig = rig_of()
+    setting, stated = rig.devices.encoder, rig.campaign.rig
     if port is not None:
-        refuse_mixture("--port", simulated)
+        refuse_mixture("--port", rig.simulated)
         setting = setting.model_copy(update={"port": port})
     if rate_hz is not None:
         setting = setting.sampled_at(positive(rate_hz, "--rate-hz"))
     plan = Plan(
-        runs_folder=campaign.runs_folder,
-        kind=label.kind_of_angles,
-        label=kept,
-        for_s=lasting.seconds,
-        facts=RigFacts(lab_book=campaign.rig.lab_book),
-        simulated=simulated,
+        runs_folder=rig.campaign.runs_folder,
+        kind=kind_of_angles(axis, weight),
+        label=label_of(axis, weight, body, note, rig.campaign),
+        for_s=None if for_s is None else positive(for_s, "--for"),
+        facts=RigFacts(lab_book=stated.lab_book),
+        simulated=rig.simulated,
     )
-    if lasting.dry_run:
-        rehearse("the encoder", campaign.runs_folder, lasting.seconds)
+    if dry_run:
+        rehearse("the encoder", plan.runs_folder, plan.for_s)
         return
-    live = LiveLine(quiet=keep.quiet)
+    live = LiveLine()
     with ExitStack() as held:
-        device = ready_encoder(setting, rig.hardware, held, counts_per_turn=counts_per_turn, say=live.say)
-        record("log encoder", plan, [device], live, keep, hardware=rig.hardware, judge=judge_of(plan.kind))
+        device = ready_encoder(
+            setting, rig.hardware, held, counts_per_turn=stated.encoder.counts_per_turn, say=live.say
+        )
+        record("log encoder", plan, [device], live, hardware=rig.hardware, judge=judge_of(plan.kind))
 
 
-@flat
 def gyro(
     *,
-    label: LabelOptions,
-    lasting: Lasting,
-    vehicle: LinkOptions,
-    log_ms: Annotated[
-        int | None,
-        typer.Option(
-            min=1, max=10, help="Milliseconds between rows; default: 1, by radio 10, which any link sustains."
-        ),
-    ] = None,
-    keep: KeepOptions,
+    axis: Axis = None,
+    weight: Weight = None,
+    body: Body = None,
+    for_s: ForS = None,
+    uri: Uri = None,
+    dry_run: DryRun = False,
+    note: Note = None,
 ) -> None:
     """Record the vehicle's gyro and accelerometer until Ctrl-C, in place of an encoder. No motor turns.
+
+    A row is taken each millisecond, by radio every ten.
 
     Example: [bold]cfid log gyro --axis x --for 20[/bold]
     """
     from cfid.rig.run import Plan
 
-    rig = rig_of(keep.campaign)
-    campaign, simulated = rig.campaign, rig.simulated
-    kind = label.kind_of_angles
+    rig = rig_of()
+    kind = kind_of_angles(axis, weight)
     plan = Plan(
-        runs_folder=campaign.runs_folder,
+        runs_folder=rig.campaign.runs_folder,
         kind="gyro" if kind == "encoder" else kind,
-        label=label.label(campaign),
-        for_s=lasting.seconds,
-        simulated=simulated,
+        label=label_of(axis, weight, body, note, rig.campaign),
+        for_s=None if for_s is None else positive(for_s, "--for"),
+        simulated=rig.simulated,
     )
-    if lasting.dry_run:
-        rehearse("gyro and accelerometer", campaign.runs_folder, lasting.seconds)
+    if dry_run:
+        rehearse("gyro and accelerometer", plan.runs_folder, plan.for_s)
         return
-    live = LiveLine(quiet=keep.quiet)
+    live = LiveLine()
     with ExitStack() as held:
-        ready = reach(vehicle, rig, held)
-        ready.refuse_driven()
-        device = ready.inertial_log(log_ms or (_RADIO_MS if ready.uri.startswith("radio:") else _CABLE_MS))
-        record("log gyro", plan, [device], live, keep, hardware=rig.hardware, judge=judge_of(plan.kind))
+        vehicle = reach(uri, rig, held)
+        vehicle.refuse_driven()
+        device = vehicle.inertial_log(_RADIO_MS if vehicle.uri.startswith("radio:") else _CABLE_MS)
+        record("log gyro", plan, [device], live, hardware=rig.hardware, judge=judge_of(plan.kind))
 
 
-@flat
 def loadcell(
     *,
-    label: LabelOptions,
-    load: LoadOptions,
-    lasting: Lasting,
-    keep: KeepOptions,
-    address: Annotated[str | None, typer.Option(help="Address of the load cell's box; default: rig.toml's.")] = None,
+    pull: Pull = None,
+    weight: Weight = None,
+    at_mm: AtMm = None,
+    axis: Axis = None,
+    body: Body = None,
+    for_s: ForS = None,
     rate_hz: Annotated[
         int | None, typer.Option(min=1, help="Samples per second, 7000 divided by a whole number; default: rig.toml's.")
     ] = None,
-    real_time: Annotated[
-        bool, typer.Option("--real-time", help="Receive one sample per datagram: less delay, more processing.")
-    ] = False,
     bias: Annotated[bool, typer.Option("--bias", help="Zero the load cell at the present load first.")] = False,
+    dry_run: DryRun = False,
+    note: Note = None,
 ) -> None:
     """Record the load cell until Ctrl-C.
 
@@ -123,26 +120,20 @@ def loadcell(
     from cfid.rig.loadcell import ready_loadcell
     from cfid.rig.run import Plan
 
-    rig = rig_of(keep.campaign)
-    campaign, devices, simulated = rig.campaign, rig.devices, rig.simulated
-    setting = devices.loadcell
-    if address is not None:
-        refuse_mixture("--address", simulated)
-        setting = setting.model_copy(update={"address": address})
-    setting = setting.sampled_at(rate_hz)
-    kept = load.on(label.label(campaign))
+    rig = rig_of()
+    setting = rig.devices.loadcell.sampled_at(rate_hz)
     plan = Plan(
-        runs_folder=campaign.runs_folder,
+        runs_folder=rig.campaign.runs_folder,
         kind="loadcell",
-        label=kept,
-        for_s=lasting.seconds,
-        simulated=simulated,
-        facts=campaign.rig.facts,
+        label=with_load(label_of(axis, weight, body, note, rig.campaign), pull, at_mm),
+        for_s=None if for_s is None else positive(for_s, "--for"),
+        simulated=rig.simulated,
+        facts=rig.campaign.rig.facts,
     )
-    if lasting.dry_run:
-        rehearse("the load cell", campaign.runs_folder, lasting.seconds)
+    if dry_run:
+        rehearse("the load cell", plan.runs_folder, plan.for_s)
         return
-    live = LiveLine(quiet=keep.quiet)
+    live = LiveLine()
     with ExitStack() as held:
-        device = ready_loadcell(setting, rig.hardware, held, buffered=not real_time, bias=bias, say=live.say)
-        record("log loadcell", plan, [device], live, keep, hardware=rig.hardware, judge=judge_of("loadcell"))
+        device = ready_loadcell(setting, rig.hardware, held, bias=bias, say=live.say)
+        record("log loadcell", plan, [device], live, hardware=rig.hardware, judge=judge_of("loadcell"))

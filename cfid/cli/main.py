@@ -4,19 +4,23 @@ import os
 import sys
 import warnings
 from collections.abc import Sequence
-from contextlib import suppress
+from contextlib import nullcontext, suppress
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from cfid.cli.groups import LazyGroup
-from cfid.console.messages import echo, fault, note
+from cfid.console.messages import echo, fault, note, patience
+from cfid.console.program import CAMPAIGN, Program, options_first, running, set_program
+from cfid.errors import CfidError
 
 # Codes of errors that ask for an option which describes a foreign file; fits, which take runs, have none of them.
 _ASK_FOR_OPTIONS = frozenset(
     {"no-counts-per-turn", "no-kind", "no-rows", "no-time", "no-unit", "several-columns", "time-goes-back"}
 )
 _TAKE_RUNS = ("fit", "tf", "show", "validate", "convert")
+_READ_FILES = (*_TAKE_RUNS, "import", "report")  # which may take long
 
 app = typer.Typer(
     cls=LazyGroup,
@@ -38,14 +42,30 @@ def _print_version(wanted: bool) -> None:
 
 @app.callback()
 def cfid(
+    *,
+    campaign: Annotated[
+        Path | None,
+        typer.Option(
+            *CAMPAIGN,
+            metavar="DIR",
+            help="Campaign folder; default: the current one or its nearest parent with a campaign.",
+        ),
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")] = False,
+    verbose: Annotated[bool, typer.Option("--verbose", help="Print all warnings and notes, not two warnings.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Ring no bell at questions and at the end.")] = False,
+    yes: Annotated[
+        bool, typer.Option("--yes", help="Confirm, unasked, that the vehicle is fastened; start the next step.")
+    ] = False,
     version: Annotated[
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
     ] = False,
 ) -> None:
     """Measure a Crazyflie: record, identify its physical parameters, state their uncertainties.
 
-    Start with [bold]cfid demo[/bold].
+    Start with [bold]cfid demo[/bold]. These options may stand anywhere in the line.
     """
+    set_program(Program(campaign=campaign, json=json, verbose=verbose, quiet=quiet, yes=yes))
 
 
 def _as_sentence(message: Warning | str, category: type[Warning], *_place: object, **_more: object) -> None:
@@ -70,22 +90,21 @@ def main(words: Sequence[str] | None = None) -> None:
 
     Expected errors print a sentence and set the exit code; warnings of libraries print a sentence.
     """
-    from cfid.errors import CfidError
-
     # With these small matrices, threads of the linear algebra would wait for each other longer than they compute.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-    with warnings.catch_warnings():
+    ordered = options_first(sys.argv[1:] if words is None else words)
+    command = [word for word in ordered if not word.startswith("-")]
+    slow = bool(set(command[:3]) & set(_READ_FILES))
+    with warnings.catch_warnings(), running(Program()):
         warnings.showwarning = _as_sentence
         try:
-            app(words, prog_name="cfid")
+            with patience() if slow else nullcontext():
+                app(ordered, prog_name="cfid")
         except CfidError as error:
             with suppress(OSError):
                 for text in getattr(error, "__notes__", ()):
                     note(text)
-                asks = (
-                    error.code in _ASK_FOR_OPTIONS
-                    and [*(sys.argv[1:] if words is None else words), ""][0] in _TAKE_RUNS
-                )
+                asks = error.code in _ASK_FOR_OPTIONS and bool(set(command[:3]) & set(_TAKE_RUNS))
                 first = " These are options of `cfid import FILE`: it makes a run, and every fit takes runs."
                 fault(f"{error}{first if asks else ''}")
             sys.exit(error.exit_code)

@@ -1,18 +1,16 @@
 """`cfid motors`: drive the motors by hand, and stop them."""
 
 from contextlib import ExitStack
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cfid.console.flat import flat
 from cfid.console.live import LiveLine
 from cfid.console.log_summary import stop_line
 from cfid.console.messages import note, result
 from cfid.console.options import positive
 from cfid.console.recording import rig_of
-from cfid.console.vehicle import LinkOptions, Motor, Unasked, VehicleOptions, confirm, motors_of, reach
+from cfid.console.vehicle import Motor, Uri, confirm, motors_of, reach
 from cfid.units import FULL_COMMAND, MOTORS
 
 if TYPE_CHECKING:
@@ -21,11 +19,8 @@ if TYPE_CHECKING:
     from cfid.rig.run import Procedure
     from cfid.wire.app import AppPorts
 
-CampaignFolder = Annotated[Path | None, typer.Option(help="Campaign folder; default: the current folder or a parent.")]
 
-
-@flat
-def console(*, context: typer.Context, vehicle: VehicleOptions, campaign: CampaignFolder = None) -> None:
+def console(context: typer.Context, *, uri: Uri = None) -> None:
     """Drive the vehicle's motors from the keyboard, or stop them; nothing is recorded.
 
     Example: [bold]cfid motors[/bold]
@@ -34,11 +29,11 @@ def console(*, context: typer.Context, vehicle: VehicleOptions, campaign: Campai
         return
     from cfid.rig.console import Console
 
-    rig = rig_of(campaign)
+    rig = rig_of()
     live = LiveLine()
     with ExitStack() as held:
-        crazyflie = reach(vehicle, rig, held)
-        confirm(crazyflie, MOTORS, [crazyflie.limits.largest_command], yes=vehicle.yes)
+        crazyflie = reach(uri, rig, held)
+        confirm(crazyflie, MOTORS, [crazyflie.limits.largest_command])
         _drive(
             crazyflie,
             live,
@@ -48,19 +43,17 @@ def console(*, context: typer.Context, vehicle: VehicleOptions, campaign: Campai
         )
 
 
-@flat
 def set_motors(
-    *,
     command: Annotated[
         int,
         typer.Argument(metavar="COMMAND", min=0, max=FULL_COMMAND, help=f"Motor command, from 0 to {FULL_COMMAND}."),
     ],
+    *,
     motor: Motor = None,
     for_s: Annotated[
         float | None, typer.Option("--for", metavar="S", help="Seconds to run; default: until Ctrl-C.")
     ] = None,
-    vehicle: VehicleOptions,
-    campaign: CampaignFolder = None,
+    uri: Uri = None,
 ) -> None:
     """Run motors at a command until the time is up or Ctrl-C, then stop them and confirm the stop.
 
@@ -71,11 +64,11 @@ def set_motors(
     if for_s is not None:
         positive(for_s, "--for")
     chosen = motors_of(motor, MOTORS)
-    rig = rig_of(campaign)
+    rig = rig_of()
     live = LiveLine()
     with ExitStack() as held:
-        crazyflie = reach(vehicle, rig, held)
-        confirm(crazyflie, chosen, [command], yes=vehicle.yes)
+        crazyflie = reach(uri, rig, held)
+        confirm(crazyflie, chosen, [command])
         _drive(
             crazyflie,
             live,
@@ -83,8 +76,7 @@ def set_motors(
         )
 
 
-@flat
-def stop(*, vehicle: LinkOptions, yes: Unasked = False, campaign: CampaignFolder = None) -> None:
+def stop(*, uri: Uri = None) -> None:
     """Stop all motors and confirm the stop. Another cfid that drives them is asked to end, without waiting for it.
 
     Example: [bold]cfid motors stop[/bold]
@@ -93,11 +85,11 @@ def stop(*, vehicle: LinkOptions, yes: Unasked = False, campaign: CampaignFolder
     from cfid.rig.hardware import present
     from cfid.rig.lock import vehicles_held
 
-    setting = _setting(vehicle.uri, campaign)
+    setting = _setting(uri)
     failed: list[DeviceError] = []
-    for uri in [setting.uri] if setting.uri else vehicles_held() or [present().find_vehicle()]:
+    for vehicle in [setting.uri] if setting.uri else vehicles_held() or [present().find_vehicle()]:
         try:
-            _stop(uri, setting)
+            _stop(vehicle, setting)
         except DeviceError as error:
             failed.append(error)
     for other in _held_beside(setting.uri):
@@ -106,8 +98,7 @@ def stop(*, vehicle: LinkOptions, yes: Unasked = False, campaign: CampaignFolder
         raise type(failed[0])("\n".join(map(str, failed)))
 
 
-@flat
-def recover(*, vehicle: LinkOptions, campaign: CampaignFolder = None) -> None:
+def recover(*, uri: Uri = None) -> None:
     """Recover a vehicle that crashed, once it is upright: stop its motors, recover it, and check its state.
 
     Example: [bold]cfid motors recover[/bold]
@@ -115,11 +106,11 @@ def recover(*, vehicle: LinkOptions, campaign: CampaignFolder = None) -> None:
     from cfid.rig.emergency import recover_vehicle
     from cfid.rig.hardware import present
 
-    setting = _setting(vehicle.uri, campaign)
+    setting = _setting(uri)
     hardware = present()
-    uri = setting.uri or hardware.find_vehicle()
-    state = recover_vehicle(uri, _ports(setting), hardware, say=note)
-    result(f"{uri}: motors stopped; the vehicle {'reports no state' if state is None else f'is {state.name}'}.")
+    vehicle = setting.uri or hardware.find_vehicle()
+    state = recover_vehicle(vehicle, _ports(setting), hardware, say=note)
+    result(f"{vehicle}: motors stopped; the vehicle {'reports no state' if state is None else f'is {state.name}'}.")
 
 
 def _held_beside(uri: str | None) -> list[str]:
@@ -145,13 +136,13 @@ def _ports(setting: "CrazyflieLink") -> "AppPorts":
     return AppPorts(setting.thrust_port, setting.sine_port, setting.ping_port)
 
 
-def _setting(uri: str | None, campaign: Path | None) -> "CrazyflieLink":
+def _setting(uri: str | None) -> "CrazyflieLink":
     """Return the link to the vehicle, also without a campaign, a valid rig.toml or a current folder."""
     from cfid.errors import ConfigError
     from cfid.records.rig_file import CrazyflieLink
 
     try:
-        found = rig_of(campaign, or_real=True).devices.crazyflie
+        found = rig_of(or_real=True).devices.crazyflie
     except ConfigError as error:
         which = "" if uri else " The vehicles that another cfid drives are stopped, else the one that is found."
         note(f"{error}{which} The app is looked for on its usual ports.")

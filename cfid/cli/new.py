@@ -11,7 +11,8 @@ from cfid.console.messages import echo
 
 def new_campaign(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder to make; it may exist if it is empty.")],
-    rig: Annotated[
+    *,
+    kind: Annotated[
         Literal["thesis"] | None, typer.Option(help="thesis: mount xy and the line as its calculation has them.")
     ] = None,
 ) -> None:
@@ -19,5 +20,5 @@ def new_campaign(
 
     Example: [bold]cfid new my-crazyflie[/bold]
     """
-    path = make_campaign(folder, thesis=rig is not None)
+    path = make_campaign(folder, thesis=kind is not None)
     echo(f"{path}: put your vehicle's mass, centre of mass and mounts there, then record.")

@@ -2,22 +2,19 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from cfid.console.campaign import here, write_parameters
 from cfid.console.messages import echo, note
+from cfid.console.program import program
 
 if TYPE_CHECKING:
     from cfid.quantities.registry import Platform
     from cfid.records.campaign import Campaign
     from cfid.records.parameters import Section
     from cfid.records.values import Values
-
-CampaignFolder = Annotated[Path | None, typer.Option(help="Campaign folder; default: the current folder or a parent.")]
 
 _MOST = "motor.max_thrust_n"
 _CUBIC = "motor.thrust_voltage_poly"  # lowest power first; the firmware's own polynomial may be stored by hand
@@ -38,8 +35,6 @@ def list_parameters(
         str | None,
         typer.Option(metavar="KEY", help="List the kept fits that have this parameter, and why each is taken or not."),
     ] = None,
-    campaign: CampaignFolder = None,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """List the campaign's parameters, each with its standard uncertainty, unit and origin.
 
@@ -47,15 +42,15 @@ def list_parameters(
 
     Example: [bold]cfid parameters inertia.matrix motor.max_thrust_n[/bold]
     """
-    found = here(campaign)
+    found = here()
     values = found.values()
     if why is not None:
-        _print_candidates(values, why, json=json)
+        _print_candidates(values, why)
         return
     write_parameters(found)
     sections = values.sections()
     outdated = {values.label(fit): values.outdated(fit) for fit in values.by_fit}
-    (_print_json if json else _print_tables)(_named(sections, names) if names else sections, outdated)
+    (_print_json if program().json else _print_tables)(_named(sections, names) if names else sections, outdated)
 
 
 def _named(sections: "Mapping[str, Section]", names: Sequence[str]) -> "dict[str, Section]":
@@ -81,7 +76,7 @@ def _named(sections: "Mapping[str, Section]", names: Sequence[str]) -> "dict[str
     return {section: part_of(sections[section], keys) for section, keys in kept.items() if keys}
 
 
-def _print_candidates(values: "Values", key: str, *, json: bool) -> None:
+def _print_candidates(values: "Values", key: str) -> None:
     """Print the kept fits that have or rejected a parameter. Raises ConfigError where there are none."""
     from cfid.errors import ConfigError
     from cfid.records.parameters import Parameter
@@ -90,7 +85,7 @@ def _print_candidates(values: "Values", key: str, *, json: bool) -> None:
     if not candidates:
         raise ConfigError(f"{key}: no kept fit has it; `cfid parameters` lists the campaign's parameters.")
     parameters = [each.fit.section.parameters.get(key, Parameter(value=None)) for each in candidates]
-    if json:
+    if program().json:
         import json as encoder
 
         rows = [
@@ -130,35 +125,33 @@ def set_by_hand(
     ],
     value: Annotated[
         str,
-        typer.Argument(metavar="VALUE", help="A number; motor.thrust_voltage_poly takes four, separated by commas."),
+        typer.Argument(
+            metavar="VALUE[:STD]",
+            help="A number and its standard uncertainty; motor.thrust_voltage_poly takes four numbers, separated by "
+            "commas.",
+        ),
     ],
     *,
-    std: Annotated[float | None, typer.Option(min=0, help="Standard uncertainty of the value.")] = None,
-    unit: Annotated[str, typer.Option(help="Unit of the value, if the name does not end with it.")] = "",
     force: Annotated[bool, typer.Option("--force", help="Store an implausible value anyway.")] = False,
-    campaign: CampaignFolder = None,
 ) -> None:
     """Store a value measured by hand. Values that belong in rig.toml, such as the mass, are changed there.
 
     A thrust over motor voltage is stored only if the firmware can invert it.
 
-    Example: [bold]cfid set mass_kg 0.0280 --std 0.0001[/bold]
+    Example: [bold]cfid set mass_kg 0.0280:0.0001[/bold]
     """
     from cfid.errors import ConfigError
-    from cfid.quantities.registry import unit_of
 
     if name == _CUBIC:
-        _store_cubic(here(campaign), _numbers(value, name), std)
+        _store_cubic(here(), _numbers(value, name))
         return
-    number = _number(value, name)
-    found = here(campaign)
+    word, colon, spread = value.partition(":")
+    number, std = _number(word, name), _number(spread, name) if colon else None
+    if std is not None and std < 0:
+        raise ConfigError(f"{name}: a standard uncertainty of {std:g} is below zero.")
+    found = here()
     _check(name, number, std, platform="other" if force else found.rig.vehicle.platform)
-    if unit and unit_of(name) not in ("", unit):
-        raise ConfigError(
-            f"{name} is in {unit_of(name)}, as its name states, but --unit is {unit}: convert the value, or leave "
-            "--unit out. Nothing was changed."
-        )
-    into = _into_rig if name in _IN_RIG else partial(_into_parameters, unit=unit)
+    into = _into_rig if name in _IN_RIG else _into_parameters
     where = into(found, name, number, std)
     echo(f"{name} is {number:g}{f' +- {std:g}' if std is not None else ''}: {where}")
 
@@ -176,18 +169,15 @@ def _numbers(words: str, name: str) -> list[float]:
     return [_number(word, name) for word in words.split(",")]
 
 
-def _store_cubic(campaign: "Campaign", lowest_first: list[float], std: float | None) -> None:
+def _store_cubic(campaign: "Campaign", lowest_first: list[float]) -> None:
     from cfid.errors import ConfigError
     from cfid.estimate.voltage_cubic import cubic_fault
-    from cfid.quantities.registry import unit_of
 
-    if std is not None:
-        raise ConfigError(f"{_CUBIC}: --std is one number, but a cubic has four: `cfid fit thrust` gives them.")
     most = campaign.values().find(_MOST)
     most_n = None if most is None else most.parameter.value
     if fault := cubic_fault(lowest_first, max_thrust_n=most_n):
         raise ConfigError(f"{fault} Nothing was changed.")
-    where = _into_parameters(campaign, _CUBIC, lowest_first, None, unit=unit_of(_CUBIC))
+    where = _into_parameters(campaign, _CUBIC, lowest_first, None)
     echo(f"{_CUBIC} is {', '.join(f'{number:g}' for number in lowest_first)}: {where}")
 
 
@@ -215,23 +205,21 @@ def _into_rig(campaign: "Campaign", name: str, value: float, std: float | None) 
     table, key, std_key = _IN_RIG[name]
     path = change_rig(campaign.folder, table, {key: value} | ({} if std is None else {std_key: std}))
     if std is None and (kept := getattr(getattr(campaign.rig, table), std_key)):
-        note(f"the standard uncertainty in rig.toml stays {kept:g}: give --std to change it.")
+        note(f"the standard uncertainty in rig.toml stays {kept:g}: VALUE:STD changes it.")
     return f"{path}, {table}.{key}. Earlier fits used the old number: fit again."
 
 
-def _into_parameters(
-    campaign: "Campaign", name: str, value: float | list[float], std: float | None, *, unit: str
-) -> str:
+def _into_parameters(campaign: "Campaign", name: str, value: float | list[float], std: float | None) -> str:
     from cfid.errors import ConfigError
     from cfid.quantities.registry import UNITS, unit_of
     from cfid.records.parameters import Parameter
 
-    known = unit or unit_of(name)
-    if not known:
+    unit = unit_of(name)
+    if not unit:
         units = ", ".join(UNITS)
-        raise ConfigError(f"'{name}': its unit is unknown: end the name with one ({units}), or give --unit.")
+        raise ConfigError(f"'{name}': its unit is unknown: end the name with one ({units}).")
     write_parameters(campaign)
-    path = campaign.keep_by_hand(name, Parameter(value=value, std=std, unit=known))
+    path = campaign.keep_by_hand(name, Parameter(value=value, std=std, unit=unit))
     return f"{path}. It counts before all fits."
 
 

@@ -2,17 +2,15 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from cfid.console.flat import flat
-from cfid.console.lists import comma_list
 from cfid.console.messages import echo, fitted, in_options, note
 from cfid.console.options import positive
+from cfid.console.program import program
 
 if TYPE_CHECKING:
     from cfid.console.recording import Rig
@@ -21,23 +19,18 @@ if TYPE_CHECKING:
     from cfid.rig.check import DeviceAnswer
     from cfid.rig.instrument import Instrument
     from cfid.rig.loop import Ending, Loop
-    from cfid.sim.devices import SimulatedRig
-    from cfid.sim.propulsion import OnMotors
     from cfid.sim.service import ServedRig
 
 _ANSWERS_AT = 35  # the column in which answers of `cfid rig check` begin
 
 
 def check(
+    *,
     signals: Annotated[
         bool,
         typer.Option("--signals", help="Judge signals, too, with motors off: rate, losses, noise, drift, battery."),
     ] = False,
     for_s: Annotated[float, typer.Option("--for", metavar="S", help="Seconds of signals to judge.")] = 10.0,
-    campaign: Annotated[
-        Path | None, typer.Option(help="Campaign folder; default: the current folder or a parent.")
-    ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Identify every device, and report faults and remedies.
 
@@ -50,7 +43,7 @@ def check(
     from cfid.console.recording import rig_of
     from cfid.rig.check import check_encoder, check_lines, check_loadcell, check_vehicle
 
-    rig = rig_of(campaign, or_real=True)
+    rig = rig_of(or_real=True)
     devices, stated, hardware = rig.devices, rig.campaign.rig, rig.hardware
     hand_held = {"tachometer": devices.tachometer, "scales": devices.scales}
     findings = {
@@ -62,7 +55,7 @@ def check(
     if signals:
         for name, answers in _judged_signals(rig, findings, for_s=positive(for_s, "--for")).items():
             findings[name] = [*findings[name], *answers]
-    report_answers("rig check", findings, simulated=rig.simulated, json=json)
+    report_answers("rig check", findings, simulated=rig.simulated)
 
 
 def _judged_signals(rig: "Rig", identified: "Mapping[str, Sequence[DeviceAnswer]]", *, for_s: float) -> "Answers":
@@ -96,13 +89,11 @@ def _judged_signals(rig: "Rig", identified: "Mapping[str, Sequence[DeviceAnswer]
     return answers
 
 
-def report_answers(
-    command: str, answers: "Mapping[str, Sequence[DeviceAnswer]]", *, simulated: bool, json: bool
-) -> None:
+def report_answers(command: str, answers: "Mapping[str, Sequence[DeviceAnswer]]", *, simulated: bool) -> None:
     """Print the answers of the devices. Raises DeviceError, which names the devices with a fault."""
     from cfid.errors import DeviceError
 
-    if json:
+    if program().json:
         import json as encoder
 
         content = {name: [answer._asdict() for answer in own] for name, own in answers.items()}
@@ -119,91 +110,61 @@ def report_answers(
         raise DeviceError(f"not ready: {', '.join(faulty)}.")
 
 
-@dataclass(frozen=True, kw_only=True)
-class SimOptions:
-    """The simulated rig."""
-
-    truth: Annotated[Path | None, typer.Option(help="TOML file with the true parameters.")] = None
-    platform: Annotated[
-        Literal["cf2", "cf21bl"] | None,
-        typer.Option(help="Vehicle: a Crazyflie 2.x or a 2.1 Brushless; default: the truth file's, else cf2."),
-    ] = None
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the rig's parameters and noise.")] = 1
-    axis: Annotated[str | None, typer.Option(metavar="MOUNT", help="Mount on which the vehicle swings.")] = None
-    weight: Annotated[
-        float | None, typer.Option(metavar="GRAMS", help="Drop this weight instead of swinging the vehicle.")
-    ] = None
-    spin: Annotated[
-        str,
-        typer.Option(metavar="M1,M2,M3,M4", help="Motor commands on the load cell until a program sends others."),
-    ] = "0,0,0,0"
-    fault: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="DEVICE.FAULT=VALUE", help="Fault to simulate, such as loadcell.drop_every=100; can be repeated."
-        ),
-    ] = None
-    trace: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Append a line to this file at each change of the motor commands."),
-    ] = None
-
-
-@flat
 def sim(
     *,
     for_s: Annotated[
         float | None, typer.Option("--for", metavar="S", help="Seconds to serve; default: until Ctrl-C.")
     ] = None,
-    campaign: Annotated[
-        Path | None, typer.Option(help="Campaign folder; default: the current folder or a parent.")
+    truth: Annotated[Path | None, typer.Option(help="TOML file with the true parameters.")] = None,
+    platform: Annotated[
+        Literal["cf2", "cf21bl"] | None,
+        typer.Option(help="Vehicle: a Crazyflie 2.x or a 2.1 Brushless; default: the truth file's, else cf2."),
     ] = None,
-    options: SimOptions,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the rig's parameters and noise.")] = 1,
+    axis: Annotated[str | None, typer.Option(metavar="MOUNT", help="Mount on which the vehicle swings.")] = None,
+    weight: Annotated[
+        float | None, typer.Option(metavar="GRAMS", help="Drop this weight instead of swinging the vehicle.")
+    ] = None,
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="DEVICE.FAULT=VALUE", help="Fault to simulate, such as loadcell.drop_every=100; can be repeated."
+        ),
+    ] = None,
 ) -> None:
     """Serve a simulated encoder, load cell and Crazyflie on real interfaces; cfid's commands use them while this runs.
 
-    Example: [bold]cfid rig sim --axis x --spin 28000,0,28000,0[/bold]
+    Example: [bold]cfid rig sim --axis x[/bold]
     """
     from cfid.console.campaign import here
     from cfid.rig.loop import run_until_done
-    from cfid.sim.motor_trace import trace_motors
+    from cfid.sim.devices import SimulatedRig
+    from cfid.sim.faults import parse_faults
     from cfid.sim.service import ServedRig
+    from cfid.sim.truth import load_truth, usual_truth
 
     if for_s is not None:
         positive(for_s, "--for")
-    found = here(campaign)
+    campaign = here()
 
     async def main(loop: "Loop", ending: "Ending") -> None:
-        with (
-            TemporaryDirectory(prefix="cfid-sim-") as folder,
-            trace_motors(options.trace, begin_s=loop.seconds()) as on_motors,
-        ):
-            rig = ServedRig(_simulated(found, loop, options, on_motors), reactor=loop, folder=Path(folder))
-            await _serve(found, rig, ending, for_s=for_s, seed=options.seed)
+        with TemporaryDirectory(prefix="cfid-sim-") as folder:
+            encoder_faults, loadcell_faults, crazyflie_faults = parse_faults(fault or ())
+            rig = SimulatedRig(
+                campaign.rig,
+                seconds=loop.seconds,
+                seed=seed,
+                truth=load_truth(truth, platform=platform) if truth else usual_truth(platform or "cf2"),
+                encoder_faults=encoder_faults,
+                loadcell_faults=loadcell_faults,
+                crazyflie_faults=crazyflie_faults,
+                axis=axis,
+                weight_g=weight,
+            )
+            served = ServedRig(rig, reactor=loop, folder=Path(folder))
+            await _serve(campaign, served, ending, for_s=for_s, seed=seed)
 
     run_until_done(main)
-
-
-def _simulated(campaign: "Campaign", loop: "Loop", options: SimOptions, on_motors: "OnMotors") -> "SimulatedRig":
-    from cfid.sim.devices import SimulatedRig
-    from cfid.sim.faults import parse_faults
-    from cfid.sim.truth import load_truth, usual_truth
-
-    platform = options.platform
-    encoder_faults, loadcell_faults, crazyflie_faults = parse_faults(options.fault or ())
-    return SimulatedRig(
-        campaign.rig,
-        seconds=loop.seconds,
-        seed=options.seed,
-        truth=load_truth(options.truth, platform=platform) if options.truth else usual_truth(platform or "cf2"),
-        encoder_faults=encoder_faults,
-        loadcell_faults=loadcell_faults,
-        crazyflie_faults=crazyflie_faults,
-        axis=options.axis,
-        weight_g=options.weight,
-        commands=_commands(options.spin),
-        on_motors=on_motors,
-    )
 
 
 async def _serve(campaign: "Campaign", rig: "ServedRig", ending: "Ending", *, for_s: float | None, seed: int) -> None:
@@ -218,14 +179,3 @@ async def _serve(campaign: "Campaign", rig: "ServedRig", ending: "Ending", *, fo
             await ending.within(for_s)
     finally:
         await rig.close()
-
-
-def _commands(text: str) -> tuple[int, int, int, int]:
-    from cfid.errors import ConfigError
-    from cfid.units import FULL_COMMAND
-
-    commands = comma_list(text, "--spin", int, least=0, most=FULL_COMMAND, example="28000,0,28000,0")
-    if len(commands) != 4:
-        raise ConfigError(f"--spin {text}: expected four motor commands, as 28000,0,28000,0.")
-    one, two, three, four = commands
-    return one, two, three, four

@@ -10,6 +10,7 @@ import typer
 from cfid.console.campaign import here
 from cfid.console.messages import echo, printable
 from cfid.console.messages import note as print_note
+from cfid.console.program import program
 from cfid.console.selection import name_other_folders, note_left_out, readable_runs
 from cfid.records.choose import choose_one, is_glob, is_last, is_named, lasts
 
@@ -21,60 +22,49 @@ if TYPE_CHECKING:
 
 _LONGEST_REASON = 60  # characters in the table; `cfid show` prints the whole verdict
 
-CampaignFolder = Annotated[Path | None, typer.Option(help="Campaign folder; default: the current folder or a parent.")]
 RunWord = Annotated[str, typer.Argument(metavar="RUN", help="A run's name or folder, a glob, last, or 'last KIND'.")]
 
 
 def show_runs(
     context: typer.Context,
-    only: Annotated[
-        str, typer.Option(metavar="TEXT", help="List only runs whose name, state or note contains this.")
-    ] = "",
-    newest: Annotated[
-        int | None, typer.Option(min=1, metavar="N", help="List only the last N of the matching runs.")
-    ] = None,
-    campaign: CampaignFolder = None,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """List the campaign's runs: what, when, state, rows, losses.
 
     [bold]cfid show RUN[/bold] prints a verdict in full.
 
-    Example: [bold]cfid runs --only swing --newest 5[/bold]
+    Example: [bold]cfid runs[/bold]
     """
     from cfid.records.run import list_runs
 
     if context.invoked_subcommand is None:
-        folder = here(campaign).runs_folder
-        _print_runs(list_runs(folder), only=only, newest=newest, json=json)
+        folder = here().runs_folder
+        _print_runs(list_runs(folder))
         name_other_folders(folder, ())
 
 
 def exclude(
     run: RunWord,
-    because: Annotated[str, typer.Option(metavar="TEXT", help="Reason for the exclusion.")] = "by the operator",
-    campaign: CampaignFolder = None,
+    note: Annotated[str, typer.Option(metavar="TEXT", help="Reason for the exclusion.")] = "by the operator",
 ) -> None:
     """Exclude runs from fits that select their runs automatically. Nothing is deleted.
 
-    Example: [bold]cfid runs exclude 2026-11-21_083012_swing_x --because "the cable touched"[/bold]
+    Example: [bold]cfid runs exclude 2026-11-21_083012_swing_x --note "the cable touched"[/bold]
     """
-    reason = because or "by the operator"
-    _amend(run, campaign, excluded=reason, message=f"is excluded: {reason}")
+    reason = note or "by the operator"
+    _amend(run, excluded=reason, message=f"is excluded: {reason}")
 
 
-def include(run: RunWord, campaign: CampaignFolder = None) -> None:
+def include(run: RunWord) -> None:
     """Include excluded runs again.
 
     Example: [bold]cfid runs include 2026-11-21_083012_swing_x[/bold]
     """
-    _amend(run, campaign, excluded="", message="is included again")
+    _amend(run, excluded="", message="is included again")
 
 
 def note(
     run: RunWord,
     text: Annotated[str, typer.Argument(metavar="TEXT", help="The note; an empty text removes all notes.")],
-    campaign: CampaignFolder = None,
 ) -> None:
     """Add a note to runs, after their existing notes.
 
@@ -86,16 +76,14 @@ def note(
     from cfid.records.lab_book import check
 
     check(text)
-    _amend(run, campaign, note=text, message=f"note added: {text}" if text else "has no note any more")
+    _amend(run, note=text, message=f"note added: {text}" if text else "has no note any more")
 
 
-def _amend(
-    word: str, folder: Path | None, *, message: str, excluded: str | None = None, note: str | None = None
-) -> None:
+def _amend(word: str, *, message: str, excluded: str | None = None, note: str | None = None) -> None:
     from cfid.errors import ConfigError
     from cfid.records.run import amend_run
 
-    for run in _meant(word, folder):
+    for run in _meant(word):
         if run.grows:
             raise ConfigError(f"{run.folder.name}: is still being recorded: wait until it has ended.")
         if excluded == "" and not run.header.excluded:
@@ -105,7 +93,7 @@ def _amend(
         echo(printable(f"{run.folder.name}: {message}"))
 
 
-def _meant(word: str, folder: Path | None) -> "list[Run]":
+def _meant(word: str) -> "list[Run]":
     """Return the runs that a word names, for a name or a pattern in any state.
 
     Raises ConfigError when no run matches, and DataError for an unreadable run.
@@ -114,7 +102,7 @@ def _meant(word: str, folder: Path | None) -> "list[Run]":
     from cfid.records.files import RUN_FILE
     from cfid.records.run import Run, list_runs, read_run
 
-    runs_folder = Path() if (Path(word) / RUN_FILE).is_file() else here(folder).runs_folder
+    runs_folder = Path() if (Path(word) / RUN_FILE).is_file() else here().runs_folder
     if (runs_folder / word / RUN_FILE).is_file():
         return [read_run(runs_folder / word)]
     if is_last(word) or is_glob(word):
@@ -131,20 +119,19 @@ def _meant(word: str, folder: Path | None) -> "list[Run]":
     raise ConfigError(f"{word}: no run of this campaign matches: `cfid runs` lists them.")
 
 
-def _print_runs(runs: "list[Run | DataError]", *, only: str, newest: int | None, json: bool) -> None:
+def _print_runs(runs: "list[Run | DataError]") -> None:
     from cfid.errors import DataError
 
-    every = [(_row(run), run) for run in runs if not isinstance(run, DataError)]
-    words = lasts([run for _, run in every])
-    rows = [one for one in every if any(only in one[0][key] for key in ("run", "state", "note"))][-(newest or 0) :]
+    rows = [(_row(run), run) for run in runs if not isinstance(run, DataError)]
+    words = lasts([run for _, run in rows])
     broken = [str(run) for run in runs if isinstance(run, DataError)]
-    if json:
+    if program().json:
         import json as encoder
 
         echo(encoder.dumps({"command": "runs", "runs": [row for row, _ in rows], "warnings": broken}, indent=2))
         return
     if not rows and not broken:
-        echo(f"no run has '{only}' in its name, state or note" if only else "no runs yet")
+        echo("no runs yet")
         return
     from rich.box import SIMPLE
     from rich.table import Table

@@ -4,11 +4,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cfid.console.flat import flat
 from cfid.console.inputs import open_workplace
 from cfid.console.messages import echo
-from cfid.console.options import Delivery, RigOptions
-from cfid.console.outcome import deliver
+from cfid.console.options import Figures, Force, Geometry, Out
+from cfid.console.outcome import Delivery, deliver
+from cfid.console.program import program
 from cfid.console.views import View, views_of
 from cfid.records.result import Result
 
@@ -21,15 +21,16 @@ if TYPE_CHECKING:
     from cfid.records.parameters import Parameter
 
 
-@flat
 def show_run(
-    *,
     run: Annotated[
         str, typer.Argument(metavar="RUN", help="A run folder, a run's name, or a file from another program.")
     ],
-    rig: RigOptions,
-    delivery: Delivery,
+    *,
     terminal: Annotated[bool, typer.Option("--terminal", help="Draw in the terminal instead of in a file.")] = False,
+    geometry: Geometry = None,
+    force: Force = False,
+    figures: Figures = None,
+    out: Out = None,
 ) -> None:
     """Plot a run, device by device: angle and speed, forces and their spectrum, commands, battery, crossings, pings.
 
@@ -37,13 +38,14 @@ def show_run(
     """
     from cfid.errors import ConfigError
 
-    if terminal and delivery.json:
+    if terminal and program().json:
         raise ConfigError("--terminal and --json both write to the terminal: give one of them.")
-    views, faults = views_of(run, open_workplace(rig))
+    workplace = open_workplace(geometry)
+    views, faults = views_of(run, workplace)
     if terminal:
         for view in views:
             _plot_in_terminal(view)
-    deliver(_outcome(views, faults, draws=not terminal), delivery, None)
+    deliver(_outcome(views, faults, draws=not terminal), Delivery(force, figures, out), workplace, keep=False)
 
 
 def _outcome(views: "Sequence[View]", faults: tuple[str, ...], *, draws: bool) -> Result:

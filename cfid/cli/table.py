@@ -139,13 +139,11 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     ),
     "fit": (None, "Estimate parameters from recordings."),
     **{row.fit: (row.function, row.line) for row in EXPERIMENTS.values() if row.fit.startswith("fit ")},
-    "fit tf": _TRANSFER,
     "tf": (None, "Identify and check the transfer function of motor and rotor."),
     "tf identify": _TRANSFER,
     "tf verify": (
         "cfid.transfer.command:verify",
-        "Simulate the campaign's transfer function, or one given by its coefficients, against runs left out of the "
-        "fit.",
+        "Simulate the campaign's transfer function against runs that were left out of its fit.",
     ),
     "tf latency": _LATENCY,
 }

@@ -4,6 +4,7 @@ from pathlib import Path
 from secrets import randbelow
 from typing import TYPE_CHECKING
 
+from cfid.console.program import program
 from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -34,14 +35,14 @@ def make_campaign(folder: Path, *, seed: int | None = None, thesis: bool = False
     return folder / RIG_FILE
 
 
-def here(folder: Path | None) -> "Campaign":
-    """Return the campaign in `folder`, or, for None, the campaign at or above the current folder.
+def here() -> "Campaign":
+    """Return the campaign of the program's options, or else that at or above the current folder.
 
     Raises ConfigError when there is none.
     """
     from cfid.records.campaign import open_campaign
 
-    return open_campaign(folder)
+    return open_campaign(program().campaign)
 
 
 def write_parameters(campaign: "Campaign") -> None:

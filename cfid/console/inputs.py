@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cfid.console.lists import NOT_GIVEN, Measured
-from cfid.console.options import RigOptions
+from cfid.console.program import program
 from cfid.console.selection import name_other_folders, note_left_out, readable_runs
 from cfid.records.choose import LAST, Matches, choose_one, is_glob, is_last
 from cfid.records.rig_file import NONE_STATED, RigFacts
@@ -41,18 +41,19 @@ class Workplace:
         return None if self.campaign is None else self.campaign.folder / "figures"
 
 
-def open_workplace(options: RigOptions, *, gravity: Measured = NOT_GIVEN) -> Workplace:
+def open_workplace(geometry: Path | None = None, *, gravity: Measured = NOT_GIVEN) -> Workplace:
     """Find the campaign and its rig; without either, the thesis' is borrowed.
 
-    --geometry replaces the rig, `thesis` by that of the thesis, and `gravity` in m/s^2 the gravity of its site.
+    The file `geometry`, or the word thesis for that of the thesis, replaces the rig, and `gravity` in m/s^2 the gravity
+    of its site.
     """
     from cfid.records.campaign import find_campaign
     from cfid.records.rig_file import load_rig, thesis_rig
 
-    campaign = find_campaign(options.campaign)
-    borrowed = options.geometry is None and campaign is None
-    if options.geometry is not None:
-        rig = thesis_rig() if str(options.geometry) == "thesis" else load_rig(options.geometry)
+    campaign = find_campaign(program().campaign)
+    borrowed = geometry is None and campaign is None
+    if geometry is not None:
+        rig = thesis_rig() if str(geometry) == "thesis" else load_rig(geometry)
     else:
         rig = thesis_rig() if campaign is None else campaign.rig
     given = {"gravity_mps2": gravity.value, "gravity_std_mps2": gravity.std}

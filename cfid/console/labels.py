@@ -1,6 +1,5 @@
 """The label that the operator gives a run: mount, weight, body and note, as options of a command."""
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
@@ -30,87 +29,81 @@ Note = Annotated[
 ]
 
 
-@dataclass(frozen=True, kw_only=True)
-class LabelOptions:
-    """The label that the operator gives the run."""
-
-    axis: Annotated[
-        str | None, typer.Option(metavar="MOUNT", help="Mount of a swing, as named in rig.toml.", rich_help_panel=LABEL)
-    ] = None
-    weight: Annotated[
-        str | None,
-        typer.Option(
-            metavar="GRAMS[:STD]", help="Mass of the dropped or hanging weight, in grams.", rich_help_panel=LABEL
-        ),
-    ] = None
-    body: Annotated[
-        Literal["crazyflie", "testbody", "fixture"] | None,
-        typer.Option(help="Body that swings; default with --axis: crazyflie.", rich_help_panel=LABEL),
-    ] = None
-    note: Note = None
-
-    @property
-    def kind_of_angles(self) -> str:
-        """The kind of a run that records the encoder with this label."""
-        return "swing" if self.axis else "drop" if self.weight else "encoder"
-
-    def label(self, campaign: "Campaign | None") -> "Label":
-        """Return the label, checked against rig.toml, so that a misspelt mount is found before the recording starts.
-
-        Without a campaign, no mount is known that it could be checked against.
-
-        Raises ConfigError.
-        """
-        from cfid.errors import ConfigError
-        from cfid.records.run import Label
-
-        body = self.body or ("crazyflie" if self.axis else None)
-        if self.axis and self.weight:
-            raise ConfigError("--axis is for a swing and --weight for a dropping weight: give one of them.")
-        weight = measured(self.weight, "--weight")
-        rig = None if campaign is None else campaign.rig
-        mounts = {} if rig is None else rig.mounts
-        if rig is not None and body == "testbody" and rig.testbody is not None:
-            mounts = rig.testbody.mounts
-        if self.axis and rig is not None and body != "fixture" and self.axis not in mounts:
-            known = ", ".join(mounts) or "none"
-            raise ConfigError(f"--axis {self.axis}: rig.toml has no such mount of the {body}; it has {known}.")
-        return Label(axis=self.axis, weight_g=weight.value, weight_std_g=weight.std, body=body, note=self.note)
+Axis = Annotated[
+    str | None, typer.Option(metavar="MOUNT", help="Mount of a swing, as named in rig.toml.", rich_help_panel=LABEL)
+]
+Weight = Annotated[
+    str | None,
+    typer.Option(metavar="GRAMS[:STD]", help="Mass of the dropped or hanging weight, in grams.", rich_help_panel=LABEL),
+]
+Body = Annotated[
+    Literal["crazyflie", "testbody", "fixture"] | None,
+    typer.Option(help="Body that swings; default with --axis: crazyflie.", rich_help_panel=LABEL),
+]
+Pull = Annotated[
+    Literal["x", "-x", "y", "-y", "z", "-z"] | None,
+    typer.Option(help="Load-cell axis along which gravity points, for its calibration.", rich_help_panel=LABEL),
+]
+AtMm = Annotated[
+    str | None,
+    typer.Option(
+        metavar="X,Y,Z[:STD]",
+        help="Position of the weight, in mm from the load cell's origin.",
+        rich_help_panel=LABEL,
+    ),
+]
 
 
-@dataclass(frozen=True, kw_only=True)
-class LoadOptions:
-    """A known load on the load cell, for `cfid fit loadcell`."""
+def kind_of_angles(axis: str | None, weight: str | None) -> str:
+    """Return the kind of a run that records the encoder with this label."""
+    return "swing" if axis else "drop" if weight else "encoder"
 
-    pull: Annotated[
-        Literal["x", "-x", "y", "-y", "z", "-z"] | None,
-        typer.Option(help="Load-cell axis along which gravity points, for its calibration.", rich_help_panel=LABEL),
-    ] = None
-    at_mm: Annotated[
-        str | None,
-        typer.Option(
-            metavar="X,Y,Z[:STD]",
-            help="Position of the weight, in mm from the load cell's origin.",
-            rich_help_panel=LABEL,
-        ),
-    ] = None
 
-    def on(self, label: "Label") -> "Label":
-        """Return the label with the load. Raises ConfigError for a place or a weight that lacks a required option."""
-        from cfid.errors import ConfigError
+def label_of(
+    axis: str | None, weight: str | None, body: str | None, note: str | None, campaign: "Campaign | None"
+) -> "Label":
+    """Return a run's label, checked against rig.toml, so that a misspelt mount is found before the recording starts.
 
-        if self.pull is None and (self.at_mm or label.weight_g):
-            raise ConfigError("a weight needs --pull: the axis of the load cell along which gravity points.")
-        if self.at_mm and not label.weight_g:
-            raise ConfigError("--at-mm: is where a weight hangs: give --weight too.")
-        if self.at_mm is None:
-            return label.model_copy(update={"pull": self.pull})
-        words, colon, spread = self.at_mm.partition(":")
-        place = comma_list(words, "--at-mm", float, example="46,0,0")
-        std = comma_list(spread, "--at-mm", float, least=0, example="46,0,0:0.2") if colon else ()
-        if len(place) != 3 or len(std) > 1:
-            raise ConfigError(
-                f"--at-mm {self.at_mm}: should be three numbers, as in 46,0,0, or with their standard uncertainty, as "
-                "in 46,0,0:0.2."
-            )
-        return label.model_copy(update={"pull": self.pull, "at_mm": place, "at_std_mm": next(iter(std), None)})
+    Without a campaign, no mount is known that it could be checked against.
+
+    Raises ConfigError.
+    """
+    from cfid.errors import ConfigError
+    from cfid.records.run import Label
+
+    body = body or ("crazyflie" if axis else None)
+    if axis and weight:
+        raise ConfigError("--axis is for a swing and --weight for a dropping weight: give one of them.")
+    mass = measured(weight, "--weight")
+    rig = None if campaign is None else campaign.rig
+    mounts = {} if rig is None else rig.mounts
+    if rig is not None and body == "testbody" and rig.testbody is not None:
+        mounts = rig.testbody.mounts
+    if axis and rig is not None and body != "fixture" and axis not in mounts:
+        known = ", ".join(mounts) or "none"
+        raise ConfigError(f"--axis {axis}: rig.toml has no such mount of the {body}; it has {known}.")
+    return Label(axis=axis, weight_g=mass.value, weight_std_g=mass.std, body=body, note=note)
+
+
+def with_load(label: "Label", pull: str | None, at_mm: str | None) -> "Label":
+    """Return the label with a known load on the load cell, for `cfid fit loadcell`.
+
+    Raises ConfigError for a place or a weight that lacks a required option.
+    """
+    from cfid.errors import ConfigError
+
+    if pull is None and (at_mm or label.weight_g):
+        raise ConfigError("a weight needs --pull: the axis of the load cell along which gravity points.")
+    if at_mm and not label.weight_g:
+        raise ConfigError("--at-mm: is where a weight hangs: give --weight too.")
+    if at_mm is None:
+        return label.model_copy(update={"pull": pull})
+    words, colon, spread = at_mm.partition(":")
+    place = comma_list(words, "--at-mm", float, example="46,0,0")
+    std = comma_list(spread, "--at-mm", float, least=0, example="46,0,0:0.2") if colon else ()
+    if len(place) != 3 or len(std) > 1:
+        raise ConfigError(
+            f"--at-mm {at_mm}: should be three numbers, as in 46,0,0, or with their standard uncertainty, as "
+            "in 46,0,0:0.2."
+        )
+    return label.model_copy(update={"pull": pull, "at_mm": place, "at_std_mm": next(iter(std), None)})

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from cfid.console.messages import clock, fitted, in_options, noted, printable, printable_lines
+from cfid.console.program import program
 from cfid.console.screen import Screen
 
 if TYPE_CHECKING:
@@ -26,8 +27,8 @@ class LiveLine:
     A terminal that is closed or stopped costs the line, never the recording.
     """
 
-    def __init__(self, *, quiet: bool = True) -> None:
-        """Start with an empty line; if `quiet`, ring no bell."""
+    def __init__(self) -> None:
+        """Start with an empty line."""
         self._screen = Screen()
         file = self._screen.file
         self._terminal = None if file is None or not os.isatty(file) or os.environ.get("TERM") == "dumb" else file
@@ -35,11 +36,10 @@ class LiveLine:
         self._length = 0
         self._task = self._question = ""
         self._left: Callable[[], str] = str
-        self._quiet = quiet
 
     def ring(self) -> None:
         """Ring the bell for the operator, who may be looking elsewhere."""
-        if self._terminal is not None and not self._quiet:
+        if self._terminal is not None and not program().quiet:
             self._screen.write("\a")
 
     def task(self, text: str) -> None:

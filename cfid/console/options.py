@@ -1,7 +1,6 @@
-"""Options that several commands share: each group is a dataclass, whose fields `flat` adds to a command."""
+"""Options that several commands share, as annotated types."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -67,98 +66,62 @@ Swings = Annotated[
         help="Swings, or known axis inertias; default: the campaign's complete, labelled swings.",
     ),
 ]
-
-
-@dataclass(frozen=True, kw_only=True)
-class RigOptions:
-    """The campaign and the rig of a command."""
-
-    campaign: Annotated[
-        Path | None,
-        typer.Option(
-            help="Campaign folder; default: the current folder or its nearest parent with a rig.toml.",
-            rich_help_panel=_RIG,
-        ),
-    ] = None
-    geometry: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE|thesis",
-            help="A rig.toml to use instead of the campaign's, or that of the thesis.",
-            rich_help_panel=_RIG,
-        ),
-    ] = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class WindowOptions:
-    """The part of a swing to use."""
-
-    peaks: Annotated[
-        str | None,
-        typer.Option(metavar="N|AXIS=N,...", help="Number of peaks to use, counting the release as the first."),
-    ] = None
-    min_angle_deg: Annotated[
-        float | None,
-        typer.Option(min=1, max=90, help="Use peaks down to this angle, in degrees (the thesis' rule: 10)."),
-    ] = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class CutOptions:
-    """A time window that the operator sets."""
-
-    from_s: Annotated[
-        float | None,
-        typer.Option("--from", metavar="S", min=0, help="Start of the window, in seconds after the first sample."),
-    ] = None
-    to_s: Annotated[
-        float | None,
-        typer.Option("--to", metavar="S", min=0, help="End of the window, in seconds after the first sample."),
-    ] = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class Delivery:
-    """How a result is printed, drawn and kept.
-
-    `given` contains the options of the command that differ from their defaults; `flat` fills it in. `take`, if given,
-    receives the result, which is then neither printed, drawn nor kept.
-    """
-
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON object.", rich_help_panel=_OUTPUT)] = False
-    verbose: Annotated[
-        bool,
-        typer.Option("--verbose", help="Print all warnings and notes, not two warnings.", rich_help_panel=_OUTPUT),
-    ] = False
-    force: Annotated[
-        bool,
-        typer.Option(
-            "--force",
-            help="Report and store rejected quantities too, or a less certain fit in place of the stored one; "
-            "overwrite files.",
-            rich_help_panel=_OUTPUT,
-        ),
-    ] = False
-    figures: Annotated[
-        bool | None,
-        typer.Option(
-            "--figures/--no-figures",
-            help="Draw figures (with --json, only if --out is given); default: yes, but outside a campaign only if "
-            "--out is given.",
-            rich_help_panel=_OUTPUT,
-        ),
-    ] = None
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            help="Folder for the figures; default: figures in the campaign, or next to a swing's run; else the current "
-            "folder.",
-            rich_help_panel=_OUTPUT,
-        ),
-    ] = None
-    given: Mapping[str, Any] = field(default_factory=dict)
-    take: Callable[[Any], None] | None = None
+Geometry = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE|thesis",
+        help="A rig.toml to use instead of the campaign's, or that of the thesis.",
+        rich_help_panel=_RIG,
+    ),
+]
+PropsOut = Annotated[
+    bool,
+    typer.Option(
+        "--props-out", help="Rotors turn opposite to a Crazyflie's: the front right one clockwise, seen from above."
+    ),
+]
+Peaks = Annotated[
+    str | None,
+    typer.Option(metavar="N|AXIS=N,...", help="Number of peaks to use, counting the release as the first."),
+]
+MinAngleDeg = Annotated[
+    float | None,
+    typer.Option(min=1, max=90, help="Use peaks down to this angle, in degrees (the thesis' rule: 10)."),
+]
+FromS = Annotated[
+    float | None,
+    typer.Option("--from", metavar="S", min=0, help="Start of the window, in seconds after the first sample."),
+]
+ToS = Annotated[
+    float | None,
+    typer.Option("--to", metavar="S", min=0, help="End of the window, in seconds after the first sample."),
+]
+Force = Annotated[
+    bool,
+    typer.Option(
+        "--force",
+        help="Report and store rejected quantities too, or a less certain fit in place of the stored one; "
+        "overwrite files.",
+        rich_help_panel=_OUTPUT,
+    ),
+]
+Figures = Annotated[
+    bool | None,
+    typer.Option(
+        "--figures/--no-figures",
+        help="Draw figures (with --json, only if --out is given); default: yes, but outside a campaign only if "
+        "--out is given.",
+        rich_help_panel=_OUTPUT,
+    ),
+]
+Out = Annotated[
+    Path | None,
+    typer.Option(
+        help="Folder for the figures; default: figures in the campaign, or next to a swing's run; else the current "
+        "folder.",
+        rich_help_panel=_OUTPUT,
+    ),
+]
 
 
 def positive(value: float, option: str, *, most: float = float("inf")) -> float:
@@ -185,3 +148,21 @@ def finite(value: float, option: str) -> float:
     if not abs(value) < float("inf"):
         raise ConfigError(f"{option} {value:g}: has to be a number.")
     return value
+
+
+def parse_peaks(text: str | None) -> int | dict[str, int] | None:
+    """Return the number of peaks for all axes, or for each: one number, or `x=11,z=16`.
+
+    Raises ConfigError when it is neither.
+    """
+    from cfid.errors import ConfigError
+
+    if text is None:
+        return None
+    try:
+        if "=" not in text:
+            return int(text)
+        pairs = (part.split("=") for part in text.split(","))
+        return {axis.strip(): int(count) for axis, count in pairs}
+    except ValueError:
+        raise ConfigError(f"`peaks` {text}: expected a number, or AXIS=NUMBER,AXIS=NUMBER,...") from None

@@ -1,15 +1,16 @@
 """Deliver a result: keep it in the campaign, draw it, print it, set the exit code."""
 
 import json
-from collections.abc import Sequence
-from contextlib import suppress
-from dataclasses import asdict, replace
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cfid.console.campaign import write_parameters
 from cfid.console.messages import echo, fitted, in_options, note, printable
-from cfid.console.options import Delivery
+from cfid.console.program import given_options, program
 from cfid.console.tables import print_parameters
 from cfid.counted import counted
 from cfid.errors import ConfigError, RejectedError
@@ -20,25 +21,51 @@ from cfid.records.result import Result
 from cfid.version import __version__
 
 if TYPE_CHECKING:
+    from cfid.console.inputs import Workplace
     from cfid.records.campaign import Campaign
-    from cfid.records.rig_file import Rig
 
 _SHOWN = 2  # warnings
 
 
-def deliver(result: Result, delivery: Delivery, campaign: "Campaign | None", rig: "Rig | None" = None) -> None:
-    """Draw, keep and print a result; with --force also rejected quantities and those impossible for the `rig`.
+_taken: ContextVar[list[Result] | None] = ContextVar("taken", default=None)
+
+
+@dataclass(frozen=True)
+class Delivery:
+    """How a result is printed, drawn and kept: the options at the end of each fit's list."""
+
+    force: bool = False
+    figures: bool | None = None
+    out: Path | None = None
+
+
+@contextmanager
+def taking() -> Iterator[list[Result]]:
+    """Collect the results that commands deliver, which are then neither printed, drawn nor kept."""
+    results: list[Result] = []
+    token = _taken.set(results)
+    try:
+        yield results
+    finally:
+        _taken.reset(token)
+
+
+def deliver(result: Result, delivery: Delivery, workplace: "Workplace", *, keep: bool = True) -> None:
+    """Draw, keep and print a result; with --force also rejected quantities and those impossible for the rig.
 
     Raises RejectedError when a quantity that the command determines was rejected and --force is not set; the fit is
     then kept without numbers. Raises ConfigError where no figure can be written; the result is then printed, but not
     kept.
     """
-    if delivery.take is not None:
-        delivery.take(result)
+    if (results := _taken.get()) is not None:
+        results.append(result)
         return
     from cfid.records.plausibility import judged
 
-    result = judged(result, rig)
+    result = judged(result, workplace.own_rig)
+    if result.folder is None:
+        result = replace(result, folder=workplace.figures)
+    campaign = workplace.campaign if keep else None
     if campaign is not None:
         result = _with_names(result, campaign.runs_folder)
     given = result if delivery.force else result.without_rejected()
@@ -51,13 +78,13 @@ def deliver(result: Result, delivery: Delivery, campaign: "Campaign | None", rig
     if campaign is not None and undrawn is None and (given.quantities or not kept):
         write_parameters(campaign)
         with suppress(RejectedError):  # of a rejected fit, which is kept without numbers
-            path = campaign.keep(result, figures=drawn, force=delivery.force, options=delivery.given)
+            path = campaign.keep(result, figures=drawn, force=delivery.force, options=given_options())
             in_force, remark = _standing(campaign, path.stem)
-    if delivery.json:
+    if program().json:
         echo(_as_json(given, accepted=result.accepted, in_force=in_force))
     else:
         rejections = texts(result.findings, "rejection") if kept else ()  # otherwise the error states them
-        _print(given, drawn, _notes(result.findings, rejections, verbose=delivery.verbose))
+        _print(given, drawn, _notes(result.findings, rejections, verbose=program().verbose))
     if not kept:
         raise _refusal(result, campaign)
     if remark:
@@ -133,7 +160,7 @@ def _as_json(result: Result, *, accepted: bool, in_force: bool) -> str:
 def _draw(result: Result, delivery: Delivery) -> Sequence[Path]:
     placed = delivery.out is not None or result.folder is not None
     wanted = placed if delivery.figures is None else delivery.figures
-    if delivery.json and delivery.out is None:
+    if program().json and delivery.out is None:
         wanted = False
     if not wanted or result.drawings is None:
         return ()

@@ -2,20 +2,17 @@
 
 import shutil
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
 from cfid.console.campaign import here
-from cfid.console.inputs import open_workplace
 from cfid.console.live import LiveLine
 from cfid.console.log_summary import print_json, print_summary, stop_line, summary
 from cfid.console.messages import clock, echo, note
-from cfid.console.options import RigOptions, positive
+from cfid.console.program import program
 from cfid.console.verdicts import Judge, judged
-from cfid.console.views import views_of
 from cfid.errors import CfidError, ConfigError, DataError
 from cfid.records.choose import LAST
 
@@ -26,8 +23,6 @@ if TYPE_CHECKING:
     from cfid.rig.hardware import Hardware
     from cfid.rig.instrument import Instrument
     from cfid.rig.run import Plan
-
-OUTPUT = "Output"
 
 _BYTES_A_ROW = 75  # a row of a load cell, the longest
 
@@ -46,55 +41,23 @@ class Rig(NamedTuple):
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Print what would be done and how long it would take.")]
 
 
-@dataclass(frozen=True, kw_only=True)
-class KeepOptions:
-    """Where a run is kept, and how its end is reported."""
-
-    campaign: Annotated[Path | None, typer.Option(help="Campaign folder; default: the current folder or a parent.")] = (
-        None
-    )
-    quiet: Annotated[
-        bool, typer.Option("--quiet", help="Do not ring the bell at questions and at the end.", rich_help_panel=OUTPUT)
-    ] = False
-    plot: Annotated[bool, typer.Option("--plot", help="Write the run's figure too.", rich_help_panel=OUTPUT)] = False
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON object.", rich_help_panel=OUTPUT)] = False
+ForS = Annotated[float | None, typer.Option("--for", metavar="S", help="Seconds to record; default: until Ctrl-C.")]
+Resume = Annotated[
+    bool, typer.Option("--resume", help="Record the missing part of an interrupted run: RUN, else the last one.")
+]
+ResumedRun = Annotated[
+    Path | None, typer.Argument(metavar="RUN", help="Run to resume, after --resume: its name or folder, or last.")
+]
 
 
-@dataclass(frozen=True, kw_only=True)
-class ResumeOptions:
-    """`--resume`, with or without a RUN: the interrupted run to complete."""
-
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Record the missing part of an interrupted run: RUN, else the last one.")
-    ] = False
-    run: Annotated[
-        Path | None, typer.Argument(metavar="RUN", help="Run to resume, after --resume: its name or folder, or last.")
-    ] = None
-
-    @property
-    def word(self) -> Path | None:
-        """The run to resume: `last` where no run is named, None without --resume. Raises ConfigError."""
-        if self.run is not None and not self.resume:
-            raise ConfigError(f"{self.run}: a run is named to resume it: write --resume {self.run}.")
-        return (self.run or Path(LAST)) if self.resume else None
+def run_to_resume(run: Path | None, *, resume: bool) -> Path | None:
+    """Return the run to resume: `last` where no run is named, None without `resume`. Raises ConfigError."""
+    if run is not None and not resume:
+        raise ConfigError(f"{run}: a run is named to resume it: write --resume {run}.")
+    return (run or Path(LAST)) if resume else None
 
 
-@dataclass(frozen=True, kw_only=True)
-class Lasting:
-    """The duration of a recording without a procedure."""
-
-    for_s: Annotated[
-        float | None, typer.Option("--for", metavar="S", help="Seconds to record; default: until Ctrl-C.")
-    ] = None
-    dry_run: DryRun = False
-
-    @property
-    def seconds(self) -> float | None:
-        """The duration in seconds, None for no end. Raises ConfigError for a value that is not above zero."""
-        return None if self.for_s is None else positive(self.for_s, "--for")
-
-
-def rig_of(folder: Path | None, *, or_real: bool = False) -> Rig:
+def rig_of(*, or_real: bool = False) -> Rig:
     """Return the campaign, its devices and whether they are simulated; print a note if they are.
 
     Raises ConfigError where the simulated rig was killed, so that a command meant for it starts no real motor. With
@@ -103,7 +66,7 @@ def rig_of(folder: Path | None, *, or_real: bool = False) -> Rig:
     from cfid.rig.hardware import present
     from cfid.rig.sim_file import SIM_FILE, is_left_behind
 
-    campaign, hardware = here(folder), present()
+    campaign, hardware = here(), present()
     devices, simulated = hardware.devices(campaign.folder, campaign.rig)
     if simulated:
         file = campaign.folder / SIM_FILE
@@ -162,7 +125,6 @@ def record(
     plan: "Plan",
     instruments: "Sequence[Instrument]",
     live: LiveLine,
-    options: KeepOptions,
     *,
     hardware: "Hardware",
     judge: Judge | None,
@@ -177,11 +139,10 @@ def record(
     if run is not None:
         run = judged(run, judge)
         parameters, lines = found(run) if failure is None else ({}, ())
-        if options.json:
-            print_json({**summary(command, run, failure, parameters), "figures": _figures(run, options)})
+        if program().json:
+            print_json(summary(command, run, failure, parameters))
         else:
             print_summary(run, lines if failure is None else (), failure)
-            _figures(run, options)
     if failure is not None:
         raise failure
 
@@ -231,22 +192,3 @@ def _until(plan: "Plan") -> str:
     if plan.procedure is not None:
         return "Ctrl-C stops the motors and ends it" if {"motor", "motors"} & set(plan.requested) else "Ctrl-C ends it"
     return "Ctrl-C ends it" if plan.for_s is None else f"{plan.for_s:g} s; Ctrl-C ends it before"
-
-
-def _figures(run: "Run", options: KeepOptions) -> list[str]:
-    """Draw the figures of `cfid show` into the run's folder; a failure to draw is a note, not an error."""
-    if not options.plot:
-        return []
-    from cfid.drawing.save import save_figure
-
-    try:
-        workplace = open_workplace(RigOptions(campaign=run.folder.parent.parent))
-        views, _ = views_of(str(run.folder), workplace)
-        paths = [path for view in views for path in save_figure(view.draw(), run.folder / f"{view.device}_recording")]
-    except (CfidError, OSError) as error:
-        note(f"no figure: {error}")
-        return []
-    for path in paths:
-        if path.suffix == ".png" and not options.json:
-            echo(f"figure: {path} (and .svg)", err=True)
-    return [str(path) for path in paths]

@@ -2,13 +2,13 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from cfid.console.lists import comma_list
 from cfid.console.messages import ask, note
+from cfid.console.program import program
 from cfid.console.recording import Rig, refuse_mixture
 from cfid.errors import ConfigError
 
@@ -38,62 +38,30 @@ _FIRMWARE = {
 }
 
 
-@dataclass(frozen=True, kw_only=True)
-class LinkOptions:
-    """The vehicle's address."""
-
-    uri: Annotated[
-        str | None,
-        typer.Option(help="Address of the vehicle; default: rig.toml's, else search for it.", rich_help_panel=VEHICLE),
-    ] = None
-
-
-Unasked = Annotated[
-    bool, typer.Option("--yes", hidden=True, help="No effect, since no motor starts; version 0.1 accepted it.")
+Uri = Annotated[
+    str | None,
+    typer.Option(help="Address of the vehicle; default: rig.toml's, else search for it.", rich_help_panel=VEHICLE),
 ]
-
-
-@dataclass(frozen=True, kw_only=True)
-class VehicleOptions(LinkOptions):
-    """The vehicle's address, and the confirmation that it is fastened."""
-
-    yes: Annotated[
-        bool,
-        typer.Option(
-            "--yes", help="Confirm that the vehicle is fastened, without being asked.", rich_help_panel=VEHICLE
-        ),
-    ] = False
-
-
-@dataclass(frozen=True, kw_only=True)
-class ExperimentOptions(VehicleOptions):
-    """The vehicle of a recording with motors, which a look at the signals precedes."""
-
-    no_preflight: Annotated[
-        bool,
-        typer.Option(
-            "--no-preflight",
-            help="Skip the check of one second of signals, with motors off, before the start.",
-            rich_help_panel=VEHICLE,
-        ),
-    ] = False
-
-
+NoPreflight = Annotated[
+    bool,
+    typer.Option(
+        "--no-preflight",
+        help="Skip the check of one second of signals, with motors off, before the start.",
+        rich_help_panel=VEHICLE,
+    ),
+]
 CellRateHz = Annotated[int | None, typer.Option(min=1, help="Load-cell samples per second; default: rig.toml's.")]
-LogMs = Annotated[
-    int,
-    typer.Option(min=1, max=1000, help="Milliseconds between rows of the vehicle's log.", rich_help_panel=VEHICLE),
-]
+LOG_MS = 10  # between rows of the vehicle's log while motors turn
 
 
-def reach(options: LinkOptions, rig: Rig, held: ExitStack) -> "ReadyVehicle":
+def reach(uri: str | None, rig: Rig, held: ExitStack) -> "ReadyVehicle":
     """Connect to the chosen vehicle and note what the operator should know about it. Raises DeviceError."""
     from cfid.rig.ready_vehicle import connect_vehicle
 
     setting = rig.devices.crazyflie
-    if options.uri is not None:
+    if uri is not None:
         refuse_mixture("--uri", rig.simulated)
-        setting = setting.model_copy(update={"uri": options.uri})
+        setting = setting.model_copy(update={"uri": uri})
     vehicle = connect_vehicle(setting, rig.hardware, held)
     note(f"connected to {vehicle.uri}, which runs {_FIRMWARE[vehicle.firmware.kind]}.")
     if vehicle.firmware.kind != "app":
@@ -124,7 +92,6 @@ def confirm(
     motors: Sequence[int],
     commands: Sequence[int],
     *,
-    yes: bool,
     effort: str = "",
     ring: Callable[[], None] = lambda: None,
 ) -> None:
@@ -135,7 +102,7 @@ def confirm(
     """
     vehicle.refuse_driven()
     largest = refuse(vehicle, motors, commands)
-    if yes:
+    if program().yes:
         return
     which = f"motor {motors[0]}" if len(motors) == 1 else f"motors {', '.join(map(str, motors))}"
     turns = f"{vehicle.uri}: {which} will turn at commands up to {largest}{effort}."

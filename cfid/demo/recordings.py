@@ -85,7 +85,7 @@ def experiments(truth: SimTruth, *, seed: int) -> tuple[tuple[Sequence[Recording
     thrust, quick, speed, sine, ping = MOTORS
     return (
         (SWINGS[:6], ("fit inertia",)),
-        ((thrust, quick), ("fit rotor {thrust[1]}", "fit dynamics {thrust[1]}", "fit torque {thrust[0]}")),
+        ((thrust, quick), ("fit speed --vibration {thrust[1]}", "fit dynamics {thrust[1]}", "fit torque {thrust[0]}")),
         ((sine,), ("tf identify",)),
         (winds(truth, seed=seed), ("fit drag",)),
         ((speed,), ("fit speed {speed[0]}", "fit thrust {thrust[0]} {speed[0]}")),

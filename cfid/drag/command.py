@@ -5,26 +5,24 @@ drag coefficients to the forces on a vehicle held in wind.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from cfid.console.flat import flat
 from cfid.console.inputs import Workplace, find_recording, open_workplace
 from cfid.console.labels import Note
 from cfid.console.lists import comma_list
 from cfid.console.messages import echo, fitted
-from cfid.console.options import Delivery, FlipFz, Markers, Method, RigOptions, YawDeg, finite, positive
-from cfid.console.outcome import deliver
-from cfid.console.recording import KeepOptions, ResumeOptions, rig_of
+from cfid.console.options import Figures, FlipFz, Force, Geometry, Markers, Method, Out, YawDeg, finite, positive
+from cfid.console.outcome import Delivery, deliver
+from cfid.console.recording import Resume, ResumedRun, rig_of, run_to_resume
 from cfid.console.selection import chosen, interrupted
-from cfid.console.vehicle import CellRateHz, ExperimentOptions, LogMs
+from cfid.console.vehicle import CellRateHz, NoPreflight, Uri
 from cfid.counted import counted
 from cfid.errors import ConfigError
 from cfid.lazy import later
-from cfid.motors.command import Wait, announce
+from cfid.motors.command import announce
 from cfid.records.choose import labelled
 
 if TYPE_CHECKING:
@@ -33,80 +31,54 @@ if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
 
 _WIND, _COMMANDS = "Wind", "Commands"
-_INPUT, _MODELS = "What was measured", "Models"
+_INPUT = "What was measured"
 _MOST_FAN_V = 1000.0
-_THESIS_COMMANDS = "0,10000,20000,30000,37300,40000,50000"
+_HOLD_S, _REST_S = 10.0, 3.0  # at each command, and before, between and after the commands
+THESIS_COMMANDS = "0,10000,20000,30000,37300,40000,50000"
+
+AzimuthDeg = Annotated[
+    float | None,
+    typer.Option(
+        help="Azimuth of the wind generator, to the right of the vehicle's nose; default: the run's, else rig.toml's.",
+        rich_help_panel=_WIND,
+    ),
+]
 
 
-@dataclass(frozen=True, kw_only=True)
-class WindOptions:
-    """The wind generator's placement, and the anemometer's readings around the vehicle."""
-
+def wind(
+    run: ResumedRun = None,
+    *,
     wind: Annotated[
         str | None,
         typer.Option(
             metavar="MIN,MAX", help="Lowest and highest wind speed, in m/s; 0 for references.", rich_help_panel=_WIND
         ),
-    ] = None
+    ] = None,
     angle: Annotated[
         float | None,
         typer.Option(
             metavar="DEG", help="Angle of the wind generator to the vertical, in degrees.", rich_help_panel=_WIND
         ),
-    ] = None
+    ] = None,
     fan_voltage: Annotated[
         float | None, typer.Option(metavar="V", help="Voltage at the wind generator's fan.", rich_help_panel=_WIND)
-    ] = None
-    azimuth_deg: Annotated[
-        float | None,
-        typer.Option(
-            help="Azimuth of the wind generator, to the right of the vehicle's nose; default: rig.toml's.",
-            rich_help_panel=_WIND,
-        ),
-    ] = None
-
-    def setting(self) -> "WindSetting":
-        """Return the wind setting. Raises ConfigError for one that is incomplete or impossible."""
-        from cfid.drag.plan import HIGHEST_DEG, WindSetting
-
-        if self.wind is None:
-            raise ConfigError("give --wind MIN,MAX, the lowest and highest wind around the vehicle; 0 for references.")
-        low, high = _speeds(self.wind)
-        if high == 0:
-            return WindSetting()
-        if self.angle is None:
-            raise ConfigError(f"--wind {self.wind}: give --angle DEG too, the wind generator's to the vertical.")
-        if not 0 <= self.angle <= HIGHEST_DEG:
-            raise ConfigError(f"--angle {self.angle:g}: has to be from 0, straight above, to {HIGHEST_DEG:g} degrees.")
-        from_deg = None if self.azimuth_deg is None else finite(self.azimuth_deg, "--azimuth-deg")
-        fan_v = 0.0 if self.fan_voltage is None else positive(self.fan_voltage, "--fan-voltage", most=_MOST_FAN_V)
-        return WindSetting(angle_deg=self.angle, fan_v=fan_v, min_mps=low, max_mps=high, azimuth_deg=from_deg)
-
-    def refuse(self, resume: Path) -> None:
-        """Raise ConfigError for an option that the run to resume already states."""
-
-        given = (self.wind, self.angle, self.fan_voltage, self.azimuth_deg)
-        if any(value is not None for value in given):
-            raise ConfigError(f"--resume {resume} keeps the wind setting of its run: leave out its options.")
-
-
-@dataclass(frozen=True, kw_only=True)
-class SweepOptions:
-    """The commands, the duration of each, and whether a tachometer is read."""
-
+    ] = None,
+    azimuth_deg: AzimuthDeg = None,
     commands: Annotated[
         str,
         typer.Option(
             metavar="C,C,...", help="Commands to all four motors, one after the other.", rich_help_panel=_COMMANDS
         ),
-    ] = _THESIS_COMMANDS
-    hold: Annotated[float, typer.Option(metavar="S", help="Seconds at each command.", rich_help_panel=_COMMANDS)] = 10.0
+    ] = THESIS_COMMANDS,
+    hold: Annotated[
+        float, typer.Option(metavar="S", help="Seconds at each command.", rich_help_panel=_COMMANDS)
+    ] = _HOLD_S,
     rest: Annotated[
         float,
         typer.Option(
             metavar="S", help="Seconds of pause before, between and after the commands.", rich_help_panel=_COMMANDS
         ),
-    ] = 3.0
+    ] = _REST_S,
     tachometer: Annotated[
         Literal["typed", "none"] | None,
         typer.Option(
@@ -114,39 +86,15 @@ class SweepOptions:
             "default: typed, or that of the run to resume.",
             rich_help_panel=_COMMANDS,
         ),
-    ] = None
-    wait: Wait = None
+    ] = None,
+    rate_hz: CellRateHz = None,
+    resume: Resume = False,
+    uri: Uri = None,
+    no_preflight: NoPreflight = False,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Print what would be done, how long it would take, and what is missing.")
-    ] = False
-
-    def staircase(self) -> "StaircasePlan":
-        """Return the commands as a staircase of all motors. Raises ConfigError for impossible ones."""
-        from cfid.motors.plan import LONGEST_STEP_S, StaircasePlan
-        from cfid.units import FULL_COMMAND, MOTORS
-
-        steps = comma_list(self.commands, "--commands", int, least=0, most=FULL_COMMAND, example="0,10000")
-        if not any(steps):
-            raise ConfigError(f"--commands {self.commands}: no motor turns: give one above 0.")
-        return StaircasePlan(
-            steps=steps,
-            motors=MOTORS,
-            hold_s=positive(self.hold, "--hold", most=LONGEST_STEP_S),
-            rest_s=positive(self.rest, "--rest", most=LONGEST_STEP_S),
-        )
-
-
-@flat
-def wind(
-    *,
-    options: WindOptions,
-    sweep: SweepOptions,
-    vehicle: ExperimentOptions,
-    log_ms: LogMs = 10,
-    resume: ResumeOptions,
-    keep: KeepOptions,
+    ] = False,
     note: Note = None,
-    rate_hz: CellRateHz = None,
 ) -> None:
     """Record load cell, commands and battery in one wind setting, command by command; Ctrl-C stops the motors.
 
@@ -154,38 +102,80 @@ def wind(
 
     Example: [bold]cfid log wind --angle 48.4 --fan-voltage 8 --wind 2.0,3.7[/bold]
     """
-    from cfid.drag.plan import KIND, missing_lines
+    from cfid.drag.plan import KIND, missing_lines, setting_of
+    from cfid.motors.plan import missing
     from cfid.motors.record import StaircaseRecording, record_forces
+    from cfid.records.run import read_run
 
-    rig = rig_of(keep.campaign)
+    rig, word = rig_of(), run_to_resume(run, resume=resume)
     campaign, simulated = rig.campaign, rig.simulated
-    if sweep.dry_run and options.wind is None and resume.word is None:
-        announce(sweep.staircase())
+    staircase = wind_staircase(commands, hold, rest)
+    if dry_run and wind is None and word is None:
+        announce(staircase)
         for line in missing_lines(_recorded(campaign, simulated=simulated)):
             echo(fitted(line))
         return
-    resumed = None if resume.word is None else interrupted(resume.word, campaign, kind=KIND)
-    setting, staircase = _requested(options, sweep, resumed)
-    asks = (sweep.tachometer or _tachometer_of(resumed)) == "typed" and not setting.is_reference
-    if sweep.dry_run:
+    resumed = None if word is None else interrupted(word, campaign, kind=KIND)
+    if resumed is None:
+        setting = wind_setting(wind, angle, fan_voltage, azimuth_deg)
+    else:
+        if any(value is not None for value in (wind, angle, fan_voltage, azimuth_deg)):
+            raise ConfigError(f"--resume {resumed} keeps the wind setting of its run: leave out its options.")
+        setting, staircase = setting_of(read_run(resumed)), missing(resumed, kind=KIND)
+    asks = (tachometer or _tachometer_of(resumed)) == "typed" and not setting.is_reference
+    if dry_run:
         _announce(setting, staircase, _recorded(campaign, simulated=simulated), asks=asks)
         return
     recording = StaircaseRecording(
         kind=KIND,
         staircase=staircase,
         rig=rig,
-        vehicle=vehicle,
-        log_ms=log_ms,
-        keep=keep,
+        uri=uri,
+        preflight=not no_preflight,
         note=note,
         judge=later("cfid.drag.data", "verdict"),
         question="RPM at command {command}, Enter for none" if asks else None,
-        wait=sweep.wait,
         calm=setting.is_reference,
         requested=setting.to_run(),
         found=lambda run: _missing(_recorded(campaign, simulated=simulated)),
     )
     record_forces(recording, rate_hz=rate_hz)
+
+
+def wind_setting(
+    wind: str | None, angle: float | None, fan_voltage: float | None, azimuth_deg: float | None
+) -> "WindSetting":
+    """Return the wind setting. Raises ConfigError for one that is incomplete or impossible."""
+    from cfid.drag.plan import HIGHEST_DEG, WindSetting
+
+    if wind is None:
+        raise ConfigError("give --wind MIN,MAX, the lowest and highest wind around the vehicle; 0 for references.")
+    low, high = _speeds(wind)
+    if high == 0:
+        return WindSetting()
+    if angle is None:
+        raise ConfigError(f"--wind {wind}: give --angle DEG too, the wind generator's to the vertical.")
+    if not 0 <= angle <= HIGHEST_DEG:
+        raise ConfigError(f"--angle {angle:g}: has to be from 0, straight above, to {HIGHEST_DEG:g} degrees.")
+    from_deg = None if azimuth_deg is None else finite(azimuth_deg, "--azimuth-deg")
+    fan_v = 0.0 if fan_voltage is None else positive(fan_voltage, "--fan-voltage", most=_MOST_FAN_V)
+    return WindSetting(angle_deg=angle, fan_v=fan_v, min_mps=low, max_mps=high, azimuth_deg=from_deg)
+
+
+def wind_staircase(commands: str, hold: float = _HOLD_S, rest: float = _REST_S) -> "StaircasePlan":
+    """Return the commands as a staircase of all motors. Raises ConfigError for impossible ones."""
+    from cfid.motors.plan import LONGEST_STEP_S, StaircasePlan
+    from cfid.units import FULL_COMMAND, MOTORS
+
+    steps = comma_list(commands, "--commands", int, least=0, most=FULL_COMMAND, example="0,10000")
+    if not any(steps):
+        raise ConfigError(f"--commands {commands}: no motor turns: give one above 0.")
+    return StaircasePlan(
+        steps=steps,
+        motors=MOTORS,
+        hold_s=positive(hold, "--hold", most=LONGEST_STEP_S),
+        rest_s=positive(rest, "--rest", most=LONGEST_STEP_S),
+    )
 
 
 def _speeds(text: str) -> tuple[float, float]:
@@ -197,18 +187,6 @@ def _speeds(text: str) -> tuple[float, float]:
     if len(others) > 1 or low > high:
         raise ConfigError(f"--wind {text}: should be the lowest and the highest speed in m/s, as 2.0,3.7, or 0.")
     return low, high
-
-
-def _requested(options: WindOptions, sweep: SweepOptions, resume: Path | None) -> "tuple[WindSetting, StaircasePlan]":
-    """Return wind setting and staircase: those of the options, or those missing in an interrupted run."""
-    if resume is None:
-        return options.setting(), sweep.staircase()
-    from cfid.drag.plan import KIND, setting_of
-    from cfid.motors.plan import missing
-    from cfid.records.run import read_run
-
-    options.refuse(resume)
-    return setting_of(read_run(resume)), missing(resume, kind=KIND)
 
 
 def _tachometer_of(resume: Path | None) -> str:
@@ -255,10 +233,9 @@ Runs = Annotated[
 ]
 
 
-@dataclass(frozen=True, kw_only=True)
-class WindInputs:
-    """The location of forces in wind, and the placement of the vehicle and the wind generator."""
-
+def drag(
+    runs: Runs = None,
+    *,
     index: Annotated[
         Path | None,
         typer.Option(
@@ -267,7 +244,7 @@ class WindInputs:
             "references; a load cell is a file whose columns name their unit (Fz_n, Fz_counts) or a run.",
             rich_help_panel=_INPUT,
         ),
-    ] = None
+    ] = None,
     table: Annotated[
         Path | None,
         typer.Option(
@@ -275,58 +252,16 @@ class WindInputs:
             "fz_n.",
             rich_help_panel=_INPUT,
         ),
-    ] = None
-    azimuth_deg: Annotated[
-        float | None,
-        typer.Option(
-            help="Azimuth of the wind generator, to the right of the nose, for runs that do not state it; default: "
-            "rig.toml's.",
-            rich_help_panel=_INPUT,
-        ),
-    ] = None
-    yaw_deg: YawDeg = None
-    markers: Markers = None
-    flip_fz: FlipFz = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class ModelOptions:
-    """The options of the thesis' models, and the grouping of the simple one."""
-
-    grouping: Annotated[
-        Literal["each", "lateral", "command", "wind", "angle"] | None,
-        typer.Option(
-            help="Runs that share simple coefficients, as in C.3.1: each run and axis alone, x and y together, all "
-            "winds of a command, all commands of a wind, all runs of an angle.",
-            rich_help_panel=_MODELS,
-        ),
-    ] = None
-    mended: Annotated[
-        bool,
-        typer.Option(
-            "--mended", help="Let cross-coupling lose lift in both directions: kappa_4 |v_xy|.", rich_help_panel=_MODELS
-        ),
-    ] = False
-    intercepts: Annotated[
-        bool,
-        typer.Option(
-            "--intercepts", help="Fit a constant force in each wind, for tare drift.", rich_help_panel=_MODELS
-        ),
-    ] = False
-    parasitic: Annotated[
-        bool, typer.Option("--parasitic", help="Fit the drag of the body too: k |v| v.", rich_help_panel=_MODELS)
-    ] = False
-
-
-@flat
-def drag(
-    *,
-    runs: Runs = None,
-    wind: WindInputs,
-    models: ModelOptions,
-    rig: RigOptions,
-    delivery: Delivery,
+    ] = None,
+    azimuth_deg: AzimuthDeg = None,
+    yaw_deg: YawDeg = None,
+    markers: Markers = None,
+    flip_fz: FlipFz = None,
+    geometry: Geometry = None,
     method: Method = "default",
+    force: Force = False,
+    figures: Figures = None,
+    out: Out = None,
 ) -> None:
     """Fit the simple, cross-coupling and complex drag models, and choose the one that the data support.
 
@@ -334,33 +269,29 @@ def drag(
     """
     from cfid.drag import fit, read_forces
 
-    place = open_workplace(rig)
-    paths = _paths(runs or [], wind, place)
+    workplace = open_workplace(geometry)
+    paths = _paths(runs or [], workplace, index=index, table=table)
     result = fit(
-        read_forces(wind.table) if wind.table is not None else paths,
-        index=wind.index,
-        azimuth_deg=None if wind.azimuth_deg is None else finite(wind.azimuth_deg, "--azimuth-deg"),
-        yaw_deg=None if wind.yaw_deg is None else finite(wind.yaw_deg, "--yaw-deg"),
-        markers=wind.markers,
-        flip_fz=wind.flip_fz,
-        rig=place.facts,
-        mended=models.mended,
-        intercepts=models.intercepts,
-        parasitic=models.parasitic,
-        grouping=models.grouping,
+        paths if table is None else read_forces(table),
+        index=index,
+        azimuth_deg=None if azimuth_deg is None else finite(azimuth_deg, "--azimuth-deg"),
+        yaw_deg=None if yaw_deg is None else finite(yaw_deg, "--yaw-deg"),
+        markers=markers,
+        flip_fz=flip_fz,
+        rig=workplace.facts,
         method=method,
     )
-    deliver(replace(result, folder=place.figures), delivery, place.campaign, place.own_rig)
+    deliver(result, Delivery(force, figures, out), workplace)
 
 
-def _paths(words: list[str], wind: WindInputs, place: Workplace) -> list[Path]:
+def _paths(words: list[str], workplace: Workplace, *, index: Path | None, table: Path | None) -> list[Path]:
     """Return the given runs, or all runs of the campaign if none is given. Raises ConfigError."""
-    if wind.table is not None:
-        if words or wind.index is not None:
-            raise ConfigError(f"--table {wind.table} contains forces that are reduced already: give it alone.")
+    if table is not None:
+        if words or index is not None:
+            raise ConfigError(f"--table {table} contains forces that are reduced already: give it alone.")
         return []
-    if wind.index is None:
-        if not words and place.campaign is None:
+    if index is None:
+        if not words and workplace.campaign is None:
             raise ConfigError("nothing to fit: give RUNs of `cfid log wind`, --index FILE, or --table FILE.")
-        words = chosen(words, place.campaign, suits=labelled("wind"), wanted="runs in wind and without")
-    return [find_recording(word, place) for word in words]
+        words = chosen(words, workplace.campaign, suits=labelled("wind"), wanted="runs in wind and without")
+    return [find_recording(word, workplace) for word in words]

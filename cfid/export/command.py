@@ -8,6 +8,7 @@ import typer
 
 from cfid.console.campaign import here, note_earlier_parameters, note_unreadable_fits
 from cfid.console.messages import echo, headline, in_options, note
+from cfid.console.program import program
 from cfid.errors import ConfigError, DataError
 from cfid.records.files import refuse_kept, write_whole
 from cfid.version import __version__
@@ -51,10 +52,6 @@ def export(
             "firmware header whose thrust over voltage would stop the motors.",
         ),
     ] = False,
-    campaign: Annotated[
-        Path | None, typer.Option(help="Campaign folder; default: the current folder or a parent.")
-    ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print the list as one JSON object.")] = False,
 ) -> None:
     """Export the measured parameters to a file for firmware or a simulator, in its frame and units, with their origins.
 
@@ -66,12 +63,12 @@ def export(
     from cfid.export.render import rendered
     from cfid.export.target import FOLDER, need_text, refuse, target_named, warnings
 
-    opened = here(campaign)
+    opened = here()
     vehicle, values = _collected(opened)
     if target == LIST:
-        _print_list(opened, vehicle, json=json)
+        _print_list(opened, vehicle, json=program().json)
         return
-    if json:
+    if program().json:
         raise ConfigError("--json goes with `cfid export list`: an export has its target's own format.")
     if target == SAMPLES:
         if out == "-":

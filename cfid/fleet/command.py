@@ -13,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from cfid.console.messages import echo, note, printable
+from cfid.console.program import program
 from cfid.console.tables import print_table
 from cfid.counted import counted
 from cfid.errors import CfidError, ConfigError, DataError
@@ -56,7 +57,6 @@ def fleet(
     ] = None,
     jobs: Jobs = 0,
     scheduler: Scheduler = None,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Compare the results of several campaigns: mean, scatter, expected scatter, outliers and drift of each number.
 
@@ -80,7 +80,7 @@ def fleet(
     numbers = compare(summaries)
     if out is not None:
         _write(out, numbers)
-    if json:
+    if program().json:
         _print_json(numbers, summaries)
     elif out is not None:
         echo(out)

@@ -13,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from cfid.console.messages import echo, note, printable
+from cfid.console.program import program
 from cfid.console.tables import print_table
 from cfid.counted import counted
 from cfid.errors import CfidError, DataError, FitError
@@ -36,7 +37,6 @@ def fleet_fit(
     ] = None,
     jobs: Jobs = 0,
     scheduler: Scheduler = None,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Refit campaigns from their recordings: each fit that counts, into a new folder. No campaign is changed.
 
@@ -66,7 +66,7 @@ def fleet_fit(
         note(f"{len(outcomes)} of {counted(len(listed), 'campaign')} done; the same command continues with the others.")
         raise
     results = {made.name: outcomes[made] for _, made, _ in listed if made in outcomes}
-    if json:
+    if program().json:
         content = {"command": "fleet fit", "campaigns": results, "not_refitted": list(map(str, faults))}
         echo(encoder.dumps(content, indent=2))
     elif results:

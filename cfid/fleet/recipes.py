@@ -1,15 +1,15 @@
 """Repeat a fit through its command, with the options that its file in fits/ states."""
 
-import inspect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path, PurePath
 from types import MappingProxyType
 from typing import Any, Literal
 
-from pydantic import TypeAdapter, ValidationError
+import typer
+from typer.main import get_command
 
-from cfid.console.flat import options_that_count
-from cfid.console.options import Delivery
+from cfid.console.outcome import taking
+from cfid.console.program import LABELS, OF_THE_PRINT, Program, running
 from cfid.errors import ConfigError, DataError
 from cfid.experiments import EXPERIMENTS, function_at
 from cfid.quantities.values import is_rows
@@ -17,10 +17,8 @@ from cfid.records.fits import Fit
 from cfid.records.result import Result
 
 Method = Literal["default", "thesis"]
-Command = Callable[..., None]
 
 NO_CHANGES: Mapping[str, str] = MappingProxyType({})
-LABELS = "labels"  # the option that contains the labels typed for runs, such as 20:0.1=RUN
 
 
 def changes_of(words: Sequence[str], method: Method | None) -> dict[str, str]:
@@ -28,8 +26,8 @@ def changes_of(words: Sequence[str], method: Method | None) -> dict[str, str]:
 
     Raises ConfigError for a word without a value, and for an option that no fit has.
     """
-    found = {} if method is None else {"method": str(method)}
-    known = {name for row in EXPERIMENTS.values() for name in options_that_count(function_at(row.function))} - {"force"}
+    changes = {} if method is None else {"method": str(method)}
+    known = {str(option.name) for row in EXPERIMENTS.values() for option in _command(row.function).params} - {"force"}
     for word in words:
         name, sign, value = word.partition("=")
         key = name.strip().lstrip("-").replace("-", "_")
@@ -37,8 +35,8 @@ def changes_of(words: Sequence[str], method: Method | None) -> dict[str, str]:
             raise ConfigError(f"`set` {word}: expected NAME=VALUE, as in peaks=12.")
         if key not in known:
             raise ConfigError(f"`set` {word}: no fit has an option {key}. A file in fits/ lists those of its fit.")
-        found[key] = value.strip()
-    return found
+        changes[key] = value.strip()
+    return changes
 
 
 def options_of(kept: Fit, changes: Mapping[str, str] = NO_CHANGES) -> dict[str, Any]:
@@ -47,25 +45,50 @@ def options_of(kept: Fit, changes: Mapping[str, str] = NO_CHANGES) -> dict[str, 
     Raises DataError for a fit that cannot be repeated, and for an option that its command does not have.
     """
     swings = kept.quality.get("swings", ())
-    known = [str(one.get("axis")) for one in swings if "known_kg_m2" in one] if is_rows(swings) else []
+    known = [str(row.get("axis")) for row in swings if "known_kg_m2" in row] if is_rows(swings) else []
     if known:
         raise DataError(f"axis inertias of {', '.join(known)} were given as numbers: fit it by hand.")
-    taken = options_that_count(_command_of(kept))
     if kept.options is None:
         raise DataError("was made in Python, and its options are not kept: fit it by hand.")
-    found = dict(kept.options) | {name: value for name, value in changes.items() if name in taken}
-    return {name: _checked(name, value, taken) for name, value in found.items()}
+    names = {option.name for option in _command_of(kept).params if option.param_type_name == "option"} - OF_THE_PRINT
+    options = dict(kept.options) | {name: value for name, value in changes.items() if name in names}
+    for name in options.keys() - names - {LABELS}:
+        raise DataError(f"its option {name} = {options[name]!r} is none that this command takes: fit it by hand.")
+    return options
 
 
 def again(kept: Fit, runs: Sequence[Path], *, campaign: Path, options: Mapping[str, Any]) -> Result:
-    """Fit the runs in these folders like a kept fit, with the rig.toml and the earlier fits of a campaign."""
-    command, taken = _command_of(kept), list[Result]()
-    argument = next(iter(inspect.signature(command).parameters))
-    labelled = _with_labels(runs, options.get(LABELS, ()))
-    words: Any = labelled[0] if argument == "run" else labelled
-    given = {name: value for name, value in options.items() if name not in ("force", LABELS)}
-    command(**{argument: words}, campaign=campaign, delivery=Delivery(take=taken.append), **given)
-    return taken[0]
+    """Fit the runs in these folders like a kept fit, with the rig.toml and the earlier fits of a campaign.
+
+    Raises DataError for options that its command does not take.
+    """
+    command = _command_of(kept)
+    words = _with_labels(runs, options.get(LABELS, ()))
+    if command.params[0].nargs == 1:
+        words = words[:1]
+    for option in command.params:
+        if option.param_type_name == "option" and option.name != "force" and option.name in options:
+            words += _words_of(option, options[option.name])
+    with running(Program(campaign=campaign)), taking() as results:
+        try:
+            with command.make_context(kept.command, words) as context:
+                command.invoke(context)
+        except typer.BadParameter as error:
+            raise DataError(f"its options are none that this command takes: {error.format_message()}") from None
+    return results[0]
+
+
+def _words_of(option: Any, value: Any) -> list[str]:
+    """Return the words that give an option a value. Raises DataError for a value that no word can state."""
+    name = max(option.opts, key=len)
+    if isinstance(value, bool):
+        switches = option.opts if value else option.secondary_opts
+        return [max(switches, key=len)] if switches else []
+    if isinstance(value, list):
+        return [word for item in value for word in _words_of(option, item)]
+    if isinstance(value, str | int | float | Path):
+        return [name, str(value)]
+    raise DataError(f"its option {option.name} = {value!r} is none that this command takes: fit it by hand.")
 
 
 def _with_labels(runs: Sequence[Path], typed: Sequence[str]) -> list[str]:
@@ -78,15 +101,14 @@ def _with_labels(runs: Sequence[Path], typed: Sequence[str]) -> list[str]:
     return [f"{labels[run.name]}={run}" if run.name in labels else str(run) for run in runs]
 
 
-def _command_of(kept: Fit) -> Command:
+def _command_of(kept: Fit) -> Any:
     place = next((row.function for row in EXPERIMENTS.values() if row.fit == kept.command), None)
     if place is None:
         raise DataError(f"`cfid {kept.command}` is not repeated from its file: fit it by hand.")
-    return function_at(place)
+    return _command(place)
 
 
-def _checked(name: str, value: Any, taken: Mapping[str, inspect.Parameter]) -> Any:
-    try:
-        return TypeAdapter(list[str] if name == LABELS else taken[name].annotation).validate_python(value)
-    except (KeyError, ValidationError):
-        raise DataError(f"its option {name} = {value!r} is none that this command takes: fit it by hand.") from None
+def _command(place: str) -> Any:
+    program = typer.Typer(add_completion=False)
+    program.command()(function_at(place))
+    return get_command(program)

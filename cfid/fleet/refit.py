@@ -167,7 +167,7 @@ def _repeat(fit: Fit, campaign: Campaign, target: Campaign, changes: Mapping[str
         raise DataError(f"all its runs are excluded now: {', '.join(excluded)}.")
     options = options_of(fit, changes)
     if scales := options.get("verify"):  # names of runs, which the new campaign does not have
-        options["verify"] = [path if path.exists() else campaign.runs_folder / path for path in scales]
+        options["verify"] = [path if Path(path).exists() else campaign.runs_folder / path for path in scales]
     used = [run.folder for run in runs if not run.header.excluded]
     result = again(fit, used, campaign=target.folder, options=options)
     changed = [Path(source.path).name for source in result.sources if source.sha256 not in fit.hashes]

@@ -1,15 +1,13 @@
 """Provide `cfid fit flight`: thrust, lag, moments of inertia and drag from logs of flights."""
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cfid.console.flat import flat
 from cfid.console.inputs import Workplace, find_recording, open_workplace
 from cfid.console.lists import Measured, measured
-from cfid.console.options import CutOptions, Delivery, RigOptions
-from cfid.console.outcome import deliver
+from cfid.console.options import Figures, Force, FromS, Geometry, Out, PropsOut, ToS
+from cfid.console.outcome import Delivery, deliver
 from cfid.records.choose import labelled
 
 if TYPE_CHECKING:
@@ -18,12 +16,11 @@ if TYPE_CHECKING:
 _BODY = "Vehicle and rig"
 
 
-@flat
 def flight(
-    *,
     logs: Annotated[
         list[str] | None, typer.Argument(metavar="LOG ...", help="Flights of one vehicle: logs or runs.")
     ] = None,
+    *,
     mass_kg: Annotated[
         str | None,
         typer.Option(metavar="KG[:STD]", help="Mass in flight; default: rig.toml's.", rich_help_panel=_BODY),
@@ -36,25 +33,13 @@ def flight(
             rich_help_panel=_BODY,
         ),
     ] = None,
-    torque_m: Annotated[
-        str | None,
-        typer.Option(
-            metavar="M[:STD]",
-            help="Ratio of a rotor's torque to its thrust; default: the campaign's motor.torque_poly.",
-            rich_help_panel=_BODY,
-        ),
-    ] = None,
-    props_out: Annotated[
-        bool,
-        typer.Option(
-            "--props-out",
-            help="Rotors turn opposite to a Crazyflie's: the front right one clockwise, seen from above.",
-            rich_help_panel=_BODY,
-        ),
-    ] = False,
-    cut: CutOptions,
-    rig: RigOptions,
-    delivery: Delivery,
+    props_out: PropsOut = False,
+    from_s: FromS = None,
+    to_s: ToS = None,
+    geometry: Geometry = None,
+    force: Force = False,
+    figures: Figures = None,
+    out: Out = None,
 ) -> None:
     """Fit thrust, lag, moments of inertia and drag to flight logs, as far as the flights excite them.
 
@@ -63,18 +48,16 @@ def flight(
     from cfid.flight.data import read_flight
     from cfid.flight.result import fit
 
-    workplace = open_workplace(rig)
-    body = _body(
-        workplace, measured(mass_kg, "--mass-kg"), measured(arm_mm, "--arm-mm"), measured(torque_m, "--torque-m")
-    )
+    workplace = open_workplace(geometry)
+    body = _body(workplace, measured(mass_kg, "--mass-kg"), measured(arm_mm, "--arm-mm"))
     paths = [find_recording(word, workplace, labelled("flight")) for word in logs or []]
-    flights = [read_flight(path, from_s=cut.from_s, to_s=cut.to_s, props_out=props_out) for path in paths]
+    flights = [read_flight(path, from_s=from_s, to_s=to_s, props_out=props_out) for path in paths]
     result = fit(flights, body=body)
-    deliver(replace(result, folder=workplace.figures), delivery, workplace.campaign, workplace.own_rig)
+    deliver(result, Delivery(force, figures, out), workplace)
 
 
-def _body(workplace: Workplace, mass: Measured, arm_mm: Measured, torque_m: Measured) -> "Body":
-    """Return mass, arm and torque over thrust, as given, else from rig.toml and the campaign's parameters."""
+def _body(workplace: Workplace, mass: Measured, arm_mm: Measured) -> "Body":
+    """Return mass and arm, as given, else from rig.toml, and the campaign's torque over thrust."""
     from cfid.errors import ConfigError
     from cfid.flight.values import Body
     from cfid.units import MM
@@ -84,8 +67,7 @@ def _body(workplace: Workplace, mass: Measured, arm_mm: Measured, torque_m: Meas
         raise ConfigError("--mass-kg: is needed outside a campaign: a flight shows accelerations alone.")
     if arm_mm.value is None:
         arm_mm = Measured(cell.arm_mm, cell.arm_std_mm)
-    if torque_m.value is None:
-        torque_m = _torque_of(workplace)
+    torque_m = _torque_of(workplace)
     return Body(
         mass_kg=vehicle.mass_kg if mass.value is None else mass.value,
         mass_std_kg=(vehicle.mass_std_kg if mass.value is None else mass.std) or 0.0,

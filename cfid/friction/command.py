@@ -6,11 +6,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cfid.console.flat import flat
 from cfid.console.inputs import Workplace, find_recording, open_workplace, read_recording, split_label
 from cfid.console.lists import measured
-from cfid.console.options import CutOptions, Delivery, GravityMps2, Method, RigOptions
-from cfid.console.outcome import deliver
+from cfid.console.options import Figures, Force, FromS, Geometry, GravityMps2, Method, Out, ToS
+from cfid.console.outcome import Delivery, deliver
 from cfid.console.selection import chosen
 from cfid.records.choose import labelled
 from cfid.units import MM
@@ -20,9 +19,7 @@ if TYPE_CHECKING:
     from cfid.recordings.angle import AngleRecord
 
 
-@flat
 def friction(
-    *,
     runs: Annotated[
         list[str] | None,
         typer.Argument(
@@ -30,9 +27,10 @@ def friction(
             help="Dropped weights; a run states its own in its label; default: the campaign's complete drops.",
         ),
     ] = None,
-    cut: CutOptions,
-    rig: RigOptions,
-    delivery: Delivery,
+    *,
+    from_s: FromS = None,
+    to_s: ToS = None,
+    geometry: Geometry = None,
     radius_mm: Annotated[
         str | None,
         typer.Option(
@@ -42,6 +40,9 @@ def friction(
     ] = None,
     gravity_mps2: GravityMps2 = None,
     method: Method = "default",
+    force: Force = False,
+    figures: Figures = None,
+    out: Out = None,
 ) -> None:
     """Fit the friction of the swing's axis to weights dropped on a line wound around it.
 
@@ -52,7 +53,7 @@ def friction(
     from cfid.friction import result
 
     gravity = measured(gravity_mps2, "--gravity-mps2")
-    workplace = open_workplace(rig, gravity=gravity)
+    workplace = open_workplace(geometry, gravity=gravity)
     words = chosen(runs, workplace.campaign, suits=labelled("drop"), wanted="dropped weights")
     radius = measured(radius_mm, "--radius-mm")
     records, left_out = _read_weights(words, workplace)
@@ -63,12 +64,12 @@ def friction(
         radius_std_m=None if radius.std is None else MM * radius.std,
         gravity_mps2=gravity.value,
         gravity_std_mps2=gravity.std,
-        from_s=cut.from_s,
-        to_s=cut.to_s,
+        from_s=from_s,
+        to_s=to_s,
         method=method,
     )
-    found = replace(found, folder=workplace.figures, findings=(*left_out, *found.findings))
-    deliver(found, delivery, workplace.campaign, workplace.own_rig)
+    found = replace(found, findings=(*left_out, *found.findings))
+    deliver(found, Delivery(force, figures, out), workplace)
 
 
 def _read_weights(words: Sequence[str], workplace: Workplace) -> "tuple[list[AngleRecord], list[Finding]]":

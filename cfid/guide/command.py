@@ -3,7 +3,6 @@
 import os
 import shlex
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
@@ -11,6 +10,7 @@ import typer
 from cfid.console.campaign import here
 from cfid.console.messages import echo, fitted, note, printable, typed_line
 from cfid.console.processes import cfid_command
+from cfid.console.program import program
 from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -23,39 +23,30 @@ Kind = Annotated[
     Literal["full", "inertia", "motors", "afternoon"] | None,
     typer.Option(help="Kind of campaign, which sets what it should find; default: campaign.kind in rig.toml."),
 ]
-CampaignFolder = Annotated[Path | None, typer.Option(help="Campaign folder; default: the current folder or a parent.")]
 
 
-def status(
-    kind: Kind = None,
-    campaign: CampaignFolder = None,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
-) -> None:
+def status(*, kind: Kind = None) -> None:
     """Show a campaign's results, their uncertainties against its aims, what is missing, and the next step.
 
     Example: [bold]cfid status --kind afternoon[/bold]
     """
-    found = _status(here(campaign), kind)
-    (_print_json if json else _print)(found)
+    found = _status(here(), kind)
+    (_print_json if program().json else _print)(found)
 
 
-def next_step(
-    kind: Kind = None,
-    campaign: CampaignFolder = None,
-    yes: Annotated[
-        bool, typer.Option("--yes", help="Start without asking; commands that turn motors still ask.")
-    ] = False,
-) -> None:
+def next_step(*, kind: Kind = None) -> None:
     """Do the next step of a campaign: record a run, fit, or report; first print what to do at the rig.
+
+    With --yes it starts unasked; a command that turns motors asks all the same.
 
     Example: [bold]cfid next[/bold]
     """
-    opened = here(campaign)
+    opened = here()
     step = _status(opened, kind).next
     echo(fitted(printable(step.why)))
     words = step.words if step.recording is None else _prepared(step.recording, opened)
     echo(f"next: cfid {shlex.join(words)}")
-    if not yes and _typed("Start it? [Y/n]").lower() not in ("", "y", "yes"):
+    if not program().yes and _typed("Start it? [Y/n]").lower() not in ("", "y", "yes"):
         note("nothing was started. Type `cfid next` again, or the command itself.")
         raise typer.Exit
     _run_instead(words, opened)

@@ -1,42 +1,45 @@
 """`cfid fit inertia`, `cfid fit testbody`: the inertia matrix from swings, and the test body against its drawing."""
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import replace
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
-from cfid.console.flat import flat
 from cfid.console.inputs import Workplace, open_workplace, read_recording, split_label
-from cfid.console.lists import measured
+from cfid.console.lists import Measured, measured
 from cfid.console.options import (
-    Delivery,
+    Figures,
+    Force,
+    Geometry,
     GravityMps2,
     MassKg,
     Method,
-    RigOptions,
+    MinAngleDeg,
+    Out,
+    Peaks,
     Swings,
-    WindowOptions,
+    parse_peaks,
 )
-from cfid.console.outcome import deliver
+from cfid.console.outcome import Delivery, deliver
 from cfid.console.selection import chosen
 from cfid.records.choose import Matches, labelled
 
 if TYPE_CHECKING:
     from cfid.recordings.angle import AxisRecord
-    from cfid.records.result import Result
     from cfid.swing.body import KnownInertia
 
 
-@flat
 def inertia(
-    *,
     runs: Swings = None,
-    window: WindowOptions,
-    rig: RigOptions,
-    delivery: Delivery,
+    *,
+    peaks: Peaks = None,
+    min_angle_deg: MinAngleDeg = None,
+    geometry: Geometry = None,
     mass_kg: MassKg = None,
     gravity_mps2: GravityMps2 = None,
     method: Method = "default",
+    force: Force = False,
+    figures: Figures = None,
+    out: Out = None,
 ) -> None:
     """Fit the inertia matrix about the centre of mass to six or more swings about any axes.
 
@@ -47,20 +50,30 @@ def inertia(
     """
     from cfid.inertia import fit
 
-    given = {"mass_kg": mass_kg, "gravity_mps2": gravity_mps2}
-    _fit_swings(fit, runs, body="crazyflie", window=window, rig=rig, delivery=delivery, method=method, **given)
+    gravity = measured(gravity_mps2, "--gravity-mps2")
+    workplace = open_workplace(geometry, gravity=gravity)
+    result = fit(
+        _read_swings(runs, workplace, body="crazyflie"),
+        **_rig_of(workplace, gravity, measured(mass_kg, "--mass-kg")),
+        method=method,
+        peaks=parse_peaks(peaks),
+        smallest_peak_rad=math.radians(min_angle_deg or 1.0),
+    )
+    deliver(result, Delivery(force, figures, out), workplace)
 
 
-@flat
 def testbody(
-    *,
     runs: Swings = None,
-    window: WindowOptions,
-    rig: RigOptions,
-    delivery: Delivery,
+    *,
+    peaks: Peaks = None,
+    min_angle_deg: MinAngleDeg = None,
+    geometry: Geometry = None,
     mass_kg: MassKg = None,
     gravity_mps2: GravityMps2 = None,
     method: Method = "default",
+    force: Force = False,
+    figures: Figures = None,
+    out: Out = None,
 ) -> None:
     r"""Compare the test body's measured inertias with those calculated from its drawing (table 2.5).
 
@@ -70,42 +83,37 @@ def testbody(
     """
     from cfid.inertia import fit_testbody
 
-    given = {"mass_kg": mass_kg, "gravity_mps2": gravity_mps2}
-    _fit_swings(fit_testbody, runs, body="testbody", window=window, rig=rig, delivery=delivery, method=method, **given)
+    gravity = measured(gravity_mps2, "--gravity-mps2")
+    workplace = open_workplace(geometry, gravity=gravity)
+    result = fit_testbody(
+        _read_swings(runs, workplace, body="testbody"),
+        **_rig_of(workplace, gravity, measured(mass_kg, "--mass-kg")),
+        method=method,
+        peaks=parse_peaks(peaks),
+        smallest_peak_rad=math.radians(min_angle_deg or 1.0),
+    )
+    deliver(result, Delivery(force, figures, out), workplace)
 
 
-def _fit_swings(
-    fit: Callable[..., "Result"],
-    runs: Sequence[str] | None,
-    *,
-    body: str,
-    window: WindowOptions,
-    rig: RigOptions,
-    delivery: Delivery,
-    mass_kg: str | None,
-    gravity_mps2: str | None,
-    method: str,
-) -> None:
+def _read_swings(runs: Sequence[str] | None, workplace: Workplace, *, body: str) -> "list[AxisRecord | KnownInertia]":
     from cfid.swing.body import FIXTURE
-    from cfid.swing.command import parse_peaks
 
-    gravity, mass = measured(gravity_mps2, "--gravity-mps2"), measured(mass_kg, "--mass-kg")
-    workplace = open_workplace(rig, gravity=gravity)
     wanted = "swings of the test body" if body == "testbody" else "swings of the vehicle"
     suits = labelled("swing", body, FIXTURE)
-    words = chosen(runs, workplace.campaign, suits=suits, wanted=wanted)
-    result = fit(
-        [_read_swing(word, workplace, suits) for word in words],
-        rig=None if workplace.borrowed else workplace.rig,
-        mass_kg=mass.value,
-        mass_std_kg=mass.std,
-        gravity_mps2=gravity.value,
-        gravity_std_mps2=gravity.std,
-        method=method,
-        peaks=parse_peaks(window.peaks),
-        smallest_peak_rad=math.radians(window.min_angle_deg or 1.0),
-    )
-    deliver(replace(result, folder=workplace.figures), delivery, workplace.campaign, workplace.own_rig)
+    return [
+        _read_swing(word, workplace, suits) for word in chosen(runs, workplace.campaign, suits=suits, wanted=wanted)
+    ]
+
+
+def _rig_of(workplace: Workplace, gravity: Measured, mass: Measured) -> dict[str, Any]:
+    """Return the rig of a fit, and the mass and gravity that replace its own."""
+    return {
+        "rig": None if workplace.borrowed else workplace.rig,
+        "mass_kg": mass.value,
+        "mass_std_kg": mass.std,
+        "gravity_mps2": gravity.value,
+        "gravity_std_mps2": gravity.std,
+    }
 
 
 def _read_swing(word: str, workplace: Workplace, suits: Matches) -> "AxisRecord | KnownInertia":

@@ -5,14 +5,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cfid.console.flat import flat
 from cfid.console.inputs import find_recording, open_workplace
 from cfid.console.labels import Note
-from cfid.console.options import Delivery, RigOptions, positive
-from cfid.console.outcome import deliver
-from cfid.console.recording import DryRun, KeepOptions, rehearse, rig_of
+from cfid.console.options import Figures, Force, Out
+from cfid.console.outcome import Delivery, deliver
+from cfid.console.recording import DryRun, rehearse, rig_of
 from cfid.console.selection import chosen
-from cfid.console.vehicle import LinkOptions, Unasked
+from cfid.console.vehicle import Uri
 from cfid.counted import counted
 from cfid.errors import FitError
 from cfid.lazy import later
@@ -21,18 +20,20 @@ from cfid.records.choose import labelled
 if TYPE_CHECKING:
     from cfid.records.run import Run
 
+_EVERY_S = 0.1  # from one ping to the next
 
-@flat
+
 def latency(
-    *,
     runs: Annotated[
         list[str] | None,
         typer.Argument(
             metavar="RUN ...", help="Runs of cfid log ping, or files with a column rtt_s; default: all complete runs."
         ),
     ] = None,
-    rig: RigOptions,
-    delivery: Delivery,
+    *,
+    force: Force = False,
+    figures: Figures = None,
+    out: Out = None,
 ) -> None:
     """Report round trips of pings, and the vehicle's clock offset and skew if it stamped its answers.
 
@@ -42,19 +43,16 @@ def latency(
     """
     from cfid.latency import fit
 
-    workplace = open_workplace(rig)
+    workplace = open_workplace()
     words = chosen(runs, workplace.campaign, suits=labelled("ping"), wanted="runs of pings")
-    deliver(fit([find_recording(word, workplace) for word in words]), delivery, workplace.campaign, workplace.own_rig)
+    result = fit([find_recording(word, workplace) for word in words])
+    deliver(result, Delivery(force, figures, out), workplace)
 
 
-@flat
 def ping(
     *,
     count: Annotated[int, typer.Option(min=1, help="Number of round trips.")] = 1000,
-    interval: Annotated[float, typer.Option(metavar="S", help="Seconds from one ping to the next.")] = 0.1,
-    vehicle: LinkOptions,
-    yes: Unasked = False,
-    keep: KeepOptions,
+    uri: Uri = None,
     dry_run: DryRun = False,
     note: Note = None,
 ) -> None:
@@ -64,17 +62,15 @@ def ping(
     """
     from cfid.latency.record import record_pings
 
-    every_s = positive(interval, "--interval")
-    rig = rig_of(keep.campaign)
+    rig = rig_of()
     if dry_run:
-        rehearse(counted(count, "ping"), rig[0].runs_folder, count * every_s)
+        rehearse(counted(count, "ping"), rig.campaign.runs_folder, count * _EVERY_S)
         return
     record_pings(
         count=count,
-        every_s=every_s,
+        every_s=_EVERY_S,
         rig=rig,
-        vehicle=vehicle,
-        keep=keep,
+        uri=uri,
         note=note,
         judge=later("cfid.latency.result", "verdict"),
         found=_found,

@@ -4,8 +4,8 @@ from collections.abc import Callable
 from contextlib import ExitStack
 
 from cfid.console.live import LiveLine
-from cfid.console.recording import Found, KeepOptions, Rig, record
-from cfid.console.vehicle import LinkOptions, reach
+from cfid.console.recording import Found, Rig, record
+from cfid.console.vehicle import reach
 from cfid.console.verdicts import Judge
 from cfid.records.rig_file import RigFacts
 from cfid.records.run import Label
@@ -19,17 +19,16 @@ def record_pings(
     count: int,
     every_s: float,
     rig: Rig,
-    vehicle: LinkOptions,
-    keep: KeepOptions,
+    uri: str | None,
     note: str | None,
     judge: Judge,
     found: Found,
 ) -> None:
     """Record `count` round trips, one begun every `every_s` seconds. Raises DeviceError."""
     campaign = rig.campaign
-    live = LiveLine(quiet=keep.quiet)
+    live = LiveLine()
     with ExitStack() as held:
-        crazyflie = reach(vehicle, rig, held)
+        crazyflie = reach(uri, rig, held)
         crazyflie.refuse_driven()
         plan = Plan(
             runs_folder=campaign.runs_folder,
@@ -43,7 +42,7 @@ def record_pings(
             requested={"count": count, "interval_s": every_s},
             simulated=rig.simulated,
         )
-        record("log ping", plan, [crazyflie.pings()], live, keep, hardware=rig.hardware, judge=judge, found=found)
+        record("log ping", plan, [crazyflie.pings()], live, hardware=rig.hardware, judge=judge, found=found)
 
 
 async def ping_often(

@@ -1,16 +1,14 @@
 """`cfid fit loadcell`: gain, cross-talk and linearity of the load cell, from known weights hung on it."""
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cfid.console.flat import flat
 from cfid.console.inputs import find_recording, open_workplace
 from cfid.console.lists import measured
 from cfid.console.messages import note
-from cfid.console.options import Delivery, GravityMps2, RigOptions, positive
-from cfid.console.outcome import deliver
+from cfid.console.options import Figures, Force, Geometry, GravityMps2, Out
+from cfid.console.outcome import Delivery, deliver
 from cfid.console.selection import chosen
 
 if TYPE_CHECKING:
@@ -18,20 +16,18 @@ if TYPE_CHECKING:
     from cfid.records.result import Result
 
 
-@flat
 def loadcell(
-    *,
     runs: Annotated[
         list[str] | None,
         typer.Argument(metavar="RUN ...", help="Runs with a known load; default: the campaign's runs with --pull."),
     ] = None,
-    at_std_mm: Annotated[
-        float, typer.Option(help="Standard uncertainty in mm of the positions of weights, where a run states none.")
-    ] = 0.2,
+    *,
     store: Annotated[bool, typer.Option("--store", help="Write the calibration to rig.toml for later runs.")] = False,
-    rig: RigOptions,
-    delivery: Delivery,
+    geometry: Geometry = None,
     gravity_mps2: GravityMps2 = None,
+    force: Force = False,
+    figures: Figures = None,
+    out: Out = None,
 ) -> None:
     """Fit gain, cross-talk and linearity of the load cell to weights hung at known places.
 
@@ -41,10 +37,9 @@ def loadcell(
     """
     from cfid.errors import ConfigError
     from cfid.loadcell import fit
-    from cfid.units import MM
 
     gravity = measured(gravity_mps2, "--gravity-mps2")
-    workplace = open_workplace(rig, gravity=gravity)
+    workplace = open_workplace(geometry, gravity=gravity)
     if store and workplace.campaign is None:
         raise ConfigError("--store: there is no campaign here whose rig.toml could be changed: give --campaign.")
     words = chosen(
@@ -57,9 +52,8 @@ def loadcell(
         [find_recording(word, workplace) for word in words],
         gravity_mps2=workplace.rig.site.gravity_mps2,
         gravity_std_mps2=workplace.rig.site.gravity_std_mps2,
-        at_std_m=MM * positive(at_std_mm, "--at-std-mm"),
     )
-    deliver(replace(result, folder=workplace.figures), delivery, workplace.campaign)
+    deliver(result, Delivery(force, figures, out), workplace)
     if store and workplace.campaign is not None:
         _store(result, workplace.campaign)
 

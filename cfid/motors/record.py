@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 
 from cfid.console.live import LiveLine
-from cfid.console.options import positive
-from cfid.console.recording import Found, KeepOptions, Rig, effort_of, nothing_found
+from cfid.console.recording import Found, Rig, effort_of, nothing_found
 from cfid.console.recording import record as record_instruments
 from cfid.console.signals import NOT_READ, quick
-from cfid.console.vehicle import ExperimentOptions, confirm, reach, refuse
+from cfid.console.vehicle import LOG_MS, confirm, reach, refuse
 from cfid.console.verdicts import Judge
 from cfid.counted import counted
 from cfid.errors import ConfigError
-from cfid.motors.plan import LONGEST_WAIT_S, WAIT_S, Expected, StaircasePlan, expected_of
+from cfid.motors import plan as motor_plan
+from cfid.motors.plan import Expected, StaircasePlan, expected_of
 from cfid.records.rig_file import LoadCellDevice
 from cfid.records.run import Label
 from cfid.rig.hand_held import Readings, Scales, Ut372, find_ut372
@@ -51,21 +51,18 @@ _SURE = 4.0  # standard uncertainties
 class StaircaseRecording:
     """A staircase to record on a rig, as the operator wants it.
 
-    With a `question`, it is asked at each command; `wait` is how long a command is held for its answer, None for the
-    usual time. A staircase in wind is not `calm`, and its noise has no limit. `requested` goes into run.toml with the
-    staircase.
+    With a `question`, it is asked at each command. Without `preflight`, no look at the signals precedes the staircase.
+    One in wind is not `calm`, and its noise has no limit. `requested` goes into run.toml with the staircase.
     """
 
     kind: str
     staircase: StaircasePlan
     rig: Rig
-    vehicle: ExperimentOptions
-    log_ms: int
-    keep: KeepOptions
+    uri: str | None
+    preflight: bool
     note: str | None
     judge: Judge
     question: str | None = None
-    wait: float | None = None
     calm: bool = True
     requested: Mapping[str, Any] = field(default_factory=dict)
     found: Found = nothing_found
@@ -81,20 +78,20 @@ def record_speed(wanted: StaircaseRecording, *, tachometer: str, port: str | Non
 
     Raises ConfigError or DeviceError.
     """
-    rig, log_ms = wanted.rig, wanted.log_ms
+    rig = wanted.rig
 
     def instruments(crazyflie: ReadyVehicle, held: ExitStack, say: Say) -> list[Instrument]:
         if tachometer == "ut372":
-            return [crazyflie.usual_log(log_ms), Ut372(port or find_ut372(rig.hardware))]
+            return [crazyflie.usual_log(LOG_MS), Ut372(port or find_ut372(rig.hardware))]
         if tachometer == "lines":
             sender = rig.devices.tachometer
             if sender is None:
                 raise ConfigError("`tachometer` lines: rig.toml has no table [devices.tachometer] that names it.")
             lines = ready_lines("tachometer", sender, rig.hardware, held, say=say, patient=False)
-            return [crazyflie.usual_log(log_ms), lines]
+            return [crazyflie.usual_log(LOG_MS), lines]
         if tachometer == "typed":
-            return [crazyflie.usual_log(log_ms)]
-        return [crazyflie.speed_log(log_ms, deck=tachometer == "deck")]
+            return [crazyflie.usual_log(LOG_MS)]
+        return [crazyflie.speed_log(LOG_MS, deck=tachometer == "deck")]
 
     wanted = replace(
         wanted,
@@ -113,7 +110,7 @@ def record_scales(wanted: StaircaseRecording, *, port: str | None, baud: int) ->
     sender = wanted.rig.devices.scales if port is None else None
 
     def instruments(crazyflie: ReadyVehicle, held: ExitStack, say: Say) -> list[Instrument]:
-        log = crazyflie.usual_log(wanted.log_ms)
+        log = crazyflie.usual_log(LOG_MS)
         if sender is not None:
             return [log, ready_lines("scales", sender, wanted.rig.hardware, held, say=say, patient=False)]
         return [log] if port is None else [log, Scales(port, baud)]
@@ -140,15 +137,17 @@ def _record(
     reading: str = "rpm",
 ) -> None:
     """Record commands, the load cell or other instruments, the vehicle's states, and readings that are typed."""
-    rig, keep, vehicle, question = wanted.rig, wanted.keep, wanted.vehicle, wanted.question
-    staircase, stated = _waiting(wanted), rig.campaign.rig
-    live = LiveLine(quiet=keep.quiet)
+    rig, question = wanted.rig, wanted.question
+    staircase, stated = wanted.staircase, rig.campaign.rig
+    if question is not None:
+        staircase = replace(staircase, wait_s=motor_plan.WAIT_S)
+    live = LiveLine()
     with ExitStack() as held:
         loadcell = None if cell is None else ready_loadcell(cell, rig.hardware, held, say=live.say, patient=False)
-        crazyflie = reach(vehicle, rig, held)
+        crazyflie = reach(wanted.uri, rig, held)
         if loadcell is not None:
             crazyflie.limits.refuse_idling(staircase.motors)
-            measuring: list[Instrument] = [loadcell, crazyflie.usual_log(wanted.log_ms)]
+            measuring: list[Instrument] = [loadcell, crazyflie.usual_log(LOG_MS)]
         else:
             measuring = instruments(crazyflie, held, live.say) if instruments else []
         parts = [crazyflie.commands(), *measuring, crazyflie.supervisor_log()]
@@ -156,16 +155,16 @@ def _record(
             parts.append(Readings(reading))
 
         def looked_at() -> Sequence[Instrument]:
-            return [crazyflie.usual_log()] if loadcell is None else [loadcell, crazyflie.usual_log(wanted.log_ms)]
+            return [crazyflie.usual_log()] if loadcell is None else [loadcell, crazyflie.usual_log(LOG_MS)]
 
-        rate_hz = _ROWS_A_SECOND if cell is None else cell.rate_hz + 1000 / wanted.log_ms
+        rate_hz = _ROWS_A_SECOND if cell is None else cell.rate_hz + 1000 / LOG_MS
         effort = effort_of(staircase.duration_s, rig.campaign.runs_folder, rate_hz=rate_hz)
         refuse(crazyflie, staircase.motors, staircase.steps)
-        if vehicle.no_preflight:
+        if not wanted.preflight:
             effort += NOT_READ
         else:
             effort += quick(looked_at, staircase.held, rig.hardware, stated.check, calm=wanted.calm)
-        confirm(crazyflie, staircase.motors, staircase.steps, yes=vehicle.yes, effort=effort, ring=live.ring)
+        confirm(crazyflie, staircase.motors, staircase.steps, effort=effort, ring=live.ring)
         markers, platform = stated.facts.tachometer.markers, stated.vehicle.platform
         expected = expected_of(reading, motors=len(staircase.motors), markers=markers, platform=platform)
         plan = Plan(
@@ -189,21 +188,10 @@ def _record(
             plan,
             parts,
             live,
-            keep,
             hardware=rig.hardware,
             judge=wanted.judge,
             found=wanted.found,
         )
-
-
-def _waiting(wanted: StaircaseRecording) -> StaircasePlan:
-    """Return a staircase whose commands wait so long for typed readings. Raises ConfigError where none are typed."""
-    if wanted.question is not None:
-        wait_s = WAIT_S if wanted.wait is None else positive(wanted.wait, "`wait`", most=LONGEST_WAIT_S)
-        return replace(wanted.staircase, wait_s=wait_s)
-    if wanted.wait is not None:
-        raise ConfigError(f"`wait` {wanted.wait:g}: no reading is typed here.")
-    return wanted.staircase
 
 
 # The procedure

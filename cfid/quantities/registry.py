@@ -228,7 +228,7 @@ _MAPS = _given(
 )  # fmt: skip
 
 _ROTORS = _given(
-    "rotor", "`cfid fit rotor`",
+    "rotor", "`cfid fit speed`",
     Quantity("rotor.speed_rad_s", "rad/s", "ω", "rotor speed from vibration, a number a window", Shape.NUMBER_OR_LIST,
              Range(200, 5000, "slower ones stand, faster ones no propeller survives"), of_the_run=True),
     Quantity("rotor.windows", "as named", "", "windows: speed estimated in each", Shape.ROWS,

@@ -14,9 +14,6 @@ Format = Literal["html", "md", "json", "tex"]
 
 def report(
     *,
-    campaign: Annotated[
-        Path | None, typer.Option(help="Campaign folder; default: the current folder or a parent.")
-    ] = None,
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", help="File to write; default: report.html in the campaign.")
     ] = None,
@@ -41,7 +38,7 @@ def report(
     from cfid.report.render import rendered
     from cfid.report.sealed import write_report
 
-    found = here(campaign)
+    found = here()
     formats: dict[str, Format] = {"": "html", **{f".{one}": one for one in get_args(Format)}}
     # a file name that is only a suffix, such as .md, also states a format
     chosen = form or formats.get("" if out is None else Path(f"_{out.name}").suffix)

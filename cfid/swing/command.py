@@ -7,31 +7,34 @@ from typing import Annotated
 
 import typer
 
-from cfid.console.flat import flat
 from cfid.console.inputs import open_workplace, read_recording
 from cfid.console.lists import measured
 from cfid.console.options import (
-    CutOptions,
-    Delivery,
+    Figures,
+    Force,
+    FromS,
+    Geometry,
     GravityMps2,
     MassKg,
     Method,
-    RigOptions,
-    WindowOptions,
+    MinAngleDeg,
+    Out,
+    Peaks,
+    ToS,
+    parse_peaks,
 )
-from cfid.console.outcome import deliver
-from cfid.errors import ConfigError
+from cfid.console.outcome import Delivery, deliver
 from cfid.records.choose import labelled
 
 
-@flat
 def swing(
-    *,
     run: Annotated[str, typer.Argument(metavar="RUN", help="A run folder, a run's name, or a CSV file.")],
-    window: WindowOptions,
-    cut: CutOptions,
-    rig: RigOptions,
-    delivery: Delivery,
+    *,
+    peaks: Peaks = None,
+    min_angle_deg: MinAngleDeg = None,
+    from_s: FromS = None,
+    to_s: ToS = None,
+    geometry: Geometry = None,
     axis: Annotated[
         str | None, typer.Option(help="Mount about which the body swung; default: the run's label.")
     ] = None,
@@ -41,6 +44,9 @@ def swing(
     mass_kg: MassKg = None,
     gravity_mps2: GravityMps2 = None,
     method: Method = "default",
+    force: Force = False,
+    figures: Figures = None,
+    out: Out = None,
 ) -> None:
     """Fit the nonlinear equation of a pendulum to one swing, with the damping that the data support.
 
@@ -51,7 +57,7 @@ def swing(
     from cfid.swing import result
 
     gravity = measured(gravity_mps2, "--gravity-mps2")
-    workplace = open_workplace(rig, gravity=gravity)
+    workplace = open_workplace(geometry, gravity=gravity)
     mass, distance = measured(mass_kg, "--mass-kg"), measured(distance_m, "--distance-m")
     fit = result.fit(
         read_recording(run, workplace, labelled("swing")),
@@ -63,27 +69,11 @@ def swing(
         distance_std_m=distance.std,
         gravity_mps2=gravity.value,
         gravity_std_mps2=gravity.std,
-        peaks=parse_peaks(window.peaks),
-        smallest_peak_rad=math.radians(window.min_angle_deg or 1.0),
-        from_s=cut.from_s,
-        to_s=cut.to_s,
+        peaks=parse_peaks(peaks),
+        smallest_peak_rad=math.radians(min_angle_deg or 1.0),
+        from_s=from_s,
+        to_s=to_s,
         method=method,
     )
     folder = None if workplace.campaign is None else Path(fit.sources[0].path).parent
-    deliver(replace(fit, folder=folder), delivery, workplace.campaign, workplace.own_rig)
-
-
-def parse_peaks(text: str | None) -> int | dict[str, int] | None:
-    """Return the number of peaks for all axes, or for each: one number, or `x=11,z=16`.
-
-    Raises ConfigError when it is neither.
-    """
-    if text is None:
-        return None
-    try:
-        if "=" not in text:
-            return int(text)
-        pairs = (part.split("=") for part in text.split(","))
-        return {axis.strip(): int(count) for axis, count in pairs}
-    except ValueError:
-        raise ConfigError(f"`peaks` {text}: expected a number, or AXIS=NUMBER,AXIS=NUMBER,...") from None
+    deliver(replace(fit, folder=folder), Delivery(force, figures, out), workplace)

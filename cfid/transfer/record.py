@@ -13,7 +13,7 @@ from cfid.console.log_summary import summary
 from cfid.console.messages import note as speech
 from cfid.console.recording import Rig, attempt, effort_of
 from cfid.console.signals import NOT_READ, quick
-from cfid.console.vehicle import ExperimentOptions, confirm, reach, refuse
+from cfid.console.vehicle import LOG_MS, confirm, reach, refuse
 from cfid.console.verdicts import Judge, judged
 from cfid.errors import CfidError, FitError
 from cfid.estimate.battery_endurance import Held
@@ -42,11 +42,10 @@ def record_sines(
     planned: Sequence[int],
     before_s: float,
     each_s: float,
-    vehicle: ExperimentOptions,
-    log_ms: int,
+    uri: str | None,
+    preflight: bool,
     rate_hz: int | None,
     note: str | None,
-    quiet: bool,
     judge: Judge,
     show: Callable[[Sine, Run], None],
 ) -> tuple[list[dict[str, Any]], CfidError | None]:
@@ -57,23 +56,21 @@ def record_sines(
     """
     campaign = rig.campaign
     cell = rig.devices.loadcell.sampled_at(rate_hz)
-    live, runs = LiveLine(quiet=quiet), []
+    live, runs = LiveLine(), []
     failure: CfidError | None = None
     with ExitStack() as held:
-        crazyflie = reach(vehicle, rig, held)
+        crazyflie = reach(uri, rig, held)
         crazyflie.crossings()  # refuses a vehicle without sines before the operator has to do anything
         amplitude = int(sines[0].amplitude)
         least, largest = max(MIDDLE - amplitude, 1), min(MIDDLE + amplitude, FULL_COMMAND)
         turning = [(motor,) if motor else MOTORS for motor in dict.fromkeys(sine.motor for sine in sines)]
         for motors in turning:  # while one turns, the others stand still or idle
             crazyflie.limits.check_turning(motors, least, largest)
-        effort = effort_of(len(sines) * each_s, campaign.runs_folder, rate_hz=cell.rate_hz + 1000 / log_ms)
+        effort = effort_of(len(sines) * each_s, campaign.runs_folder, rate_hz=cell.rate_hz + 1000 / LOG_MS)
         refuse(crazyflie, sorted({*chain(*turning)}), (least, largest))
         held_in_all = [held for sine in sines for held in sine.held(each_s)]
-        effort += (
-            NOT_READ if vehicle.no_preflight else _quick(cell, rig, lambda: crazyflie.usual_log(log_ms), held_in_all)
-        )
-        confirm(crazyflie, sorted({*chain(*turning)}), (least, largest), yes=vehicle.yes, effort=effort, ring=live.ring)
+        effort += _quick(cell, rig, lambda: crazyflie.usual_log(LOG_MS), held_in_all) if preflight else NOT_READ
+        confirm(crazyflie, sorted({*chain(*turning)}), (least, largest), effort=effort, ring=live.ring)
         for count, sine in enumerate(sines):
             name = f"l = {sine.periods} ({count + 1} of {len(sines)})"
             live.task(f"{name}: pause")
@@ -85,7 +82,7 @@ def record_sines(
             requested = {**plan.requested, **({PLANNED: list(planned)} if len(planned) > 1 else {})}
             # Including the runs after this one.
             plan = replace(plan, requested=requested, lasts_s=(len(sines) - count) * each_s)
-            parts = [crazyflie.crossings(), *crazyflie.watch(log_ms)]
+            parts = [crazyflie.crossings(), *crazyflie.watch(LOG_MS)]
             run, failure = _play(plan, parts, cell, live, hardware=rig.hardware)
             if run is not None:
                 run = judged(run, judge)

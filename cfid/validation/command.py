@@ -1,25 +1,22 @@
 """Provide `cfid validate`: compare parameter sets on a flight that none of them was fitted to."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cfid.console.flat import flat
 from cfid.console.inputs import find_recording, open_workplace
-from cfid.console.options import CutOptions, Delivery, RigOptions
-from cfid.console.outcome import deliver
+from cfid.console.options import Figures, Force, FromS, Geometry, Out, PropsOut, ToS
+from cfid.console.outcome import Delivery, deliver
 from cfid.records.choose import labelled
 
 if TYPE_CHECKING:
     from cfid.validation.sets import Measured
 
 
-@flat
 def validate(
-    *,
     log: Annotated[str, typer.Argument(metavar="LOG", help="A flight: a log or a run.")],
+    *,
     others: Annotated[
         list[str] | None,
         typer.Option(
@@ -29,16 +26,13 @@ def validate(
             "gym-pybullet-drones, firmware).",
         ),
     ] = None,
-    props_out: Annotated[
-        bool,
-        typer.Option(
-            "--props-out",
-            help="Rotors turn opposite to a Crazyflie's: the front right one clockwise, seen from above.",
-        ),
-    ] = False,
-    cut: CutOptions,
-    rig: RigOptions,
-    delivery: Delivery,
+    props_out: PropsOut = False,
+    from_s: FromS = None,
+    to_s: ToS = None,
+    geometry: Geometry = None,
+    force: Force = False,
+    figures: Figures = None,
+    out: Out = None,
 ) -> None:
     """Compare how well parameter sets predict a flight that none of them was fitted to.
 
@@ -50,9 +44,9 @@ def validate(
     from cfid.validation.result import validate as compare
     from cfid.validation.sets import measured_in, published_set, sets_of
 
-    workplace = open_workplace(rig)
+    workplace = open_workplace(geometry)
     path = find_recording(log, workplace, labelled("flight"))
-    flown = with_usable_voltage(read_flight(path, from_s=cut.from_s, to_s=cut.to_s, props_out=props_out))
+    flown = with_usable_voltage(read_flight(path, from_s=from_s, to_s=to_s, props_out=props_out))
     in_volts = flown.flight.in_volts
     used = [] if workplace.campaign is None else [measured_in(workplace.campaign)]
     published = []
@@ -74,7 +68,7 @@ def validate(
         else:
             sets.append(each)
     result = compare(flown, sets, used=used)
-    deliver(replace(result, folder=workplace.figures), delivery, None, workplace.own_rig)
+    deliver(result, Delivery(force, figures, out), workplace, keep=False)
 
 
 def _measured(word: str) -> "Measured | None":

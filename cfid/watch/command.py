@@ -1,12 +1,12 @@
 """`cfid watch` shows a run in the browser while it is recorded."""
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from cfid.console.inputs import Workplace, find_recording
 from cfid.console.messages import echo
+from cfid.console.program import program
 from cfid.records.extras import optional_library
 
 
@@ -18,21 +18,17 @@ def watch(
         ),
     ] = None,
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the page; default: any free one.")] = 0,
-    browser: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
-    campaign: Annotated[
-        Path | None, typer.Option(help="Campaign folder; default: the current folder or a parent.")
-    ] = None,
 ) -> None:
     """Show a run in the browser while it is recorded, with a button that stops all motors; Ctrl-C ends the command.
 
-    Example: [bold]cfid watch --open[/bold]
+    Example: [bold]cfid watch[/bold]
     """
     from cfid.errors import ConfigError
     from cfid.records.campaign import Campaign, find_folder
     from cfid.records.files import RIG_FILE
     from cfid.records.rig_file import thesis_rig
 
-    folder = find_folder() if campaign is None else campaign
+    folder = program().campaign or find_folder()
     if folder is None and run is None:
         raise ConfigError("there is no campaign here whose runs could be shown: name a run folder, or --campaign.")
     if folder is not None and not (folder / RIG_FILE).is_file():
@@ -48,14 +44,4 @@ def watch(
         folder=None if run is None else find_recording(run, Workplace(opened, rig, borrowed=True)),
         runs_folder=None if opened is None else opened.runs_folder,
     )
-    serve(shown, campaign=folder, port=port, ready=lambda address: _announce(address, browser))
-
-
-def _announce(address: str, opened: bool) -> None:
-    echo(f"{address} (Ctrl-C ends it)", err=True)
-    if opened:
-        import threading
-        import webbrowser
-
-        # A browser in the terminal returns only when it is closed: the thread lets the page be served meanwhile.
-        threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
+    serve(shown, campaign=folder, port=port, ready=lambda address: echo(f"{address} (Ctrl-C ends it)", err=True))

@@ -53,7 +53,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name, ahead_of_others():
         folder = Path(name)
         (folder / RIG_FILE).write_text(new_rig_text())
-        processes = [started(folder, "rig", "sim", "--spin", "28000,0,28000,0")]
+        processes = [started(folder, "rig", "sim")]
         try:
             wait_until((folder / SIM_FILE).exists, SIM_FILE)
             recorder = started(folder, "log", "loadcell")

@@ -129,7 +129,7 @@ def test_a_fit_gives_way_once_one_of_its_runs_is_excluded(cfid: Cfid, bodies: Pa
     kept = cfid("fit", "friction", *first, "--no-figures", "--json", folder=bodies)
     assert (kept.returncode, json.loads(kept.stdout)["in_force"]) == (0, False)
 
-    assert cfid("runs", "exclude", drops[-1], "--because", "test", folder=bodies).returncode == 0
+    assert cfid("runs", "exclude", drops[-1], "--note", "test", folder=bodies).returncode == 0
     assert cfid("fit", "friction", *first, "--no-figures", folder=bodies).returncode == 0
 
 

@@ -78,7 +78,7 @@ def test_a_wrong_option_is_named_before_anything_is_opened(tmp_path: Path, words
     [
         ("encoder --axis x --for 20", "20"),
         ("gyro --axis x", ""),
-        ("ping --count 200 --interval 0.05", "200"),
+        ("ping --count 200", "200"),
         ("thrust", "33"),
         ("scales", "17"),
         ("sine --l 5,20", ""),
@@ -120,12 +120,12 @@ def test_labels_stand_in_the_run(lab: Lab, words: str, kind: str, label: dict[st
     assert (header.state, header.reason) == ("complete", "")
 
 
-def test_a_load_cell_is_biased_and_sends_singly_when_asked_to(lab: Lab) -> None:
-    said = lab.cfid("log", "loadcell", "--bias", "--real-time", "--for", 0.5)
+def test_a_load_cell_is_biased_when_asked_to(lab: Lab) -> None:
+    said = lab.cfid("log", "loadcell", "--bias", "--for", 0.5)
     rows, facts = pd.read_csv(lab.run().device_file("loadcell")), lab.facts("loadcell")
 
     assert said.code == 0
-    assert (facts["asked"], facts["biased"], facts["settings"]["buffer_size"]) == ("real-time", True, 1)
+    assert (facts["asked"], facts["biased"]) == ("buffered", True)
     assert abs(rows["Fz"].iloc[:20].mean()) < 5e5  # half a newton; the cell's own offset is 1.4 N
     assert facts["settings"]["bias"] == list(read_settings(lab.box.box.page()).bias)
     assert any(facts["settings"]["bias"])

@@ -2,7 +2,6 @@
 
 import json
 import signal
-import socket
 import tomllib
 from pathlib import Path
 
@@ -54,9 +53,9 @@ def test_what_is_wrong_is_told_with_what_to_do(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("in_time")
-def test_commands_use_a_served_rig_which_traces_its_motors_and_leaves_nothing_behind(tmp_path: Path) -> None:
+def test_commands_use_a_served_rig_which_leaves_nothing_behind(tmp_path: Path) -> None:
     faults = ("--fault", "loadcell.duplicate_every=10", "--fault", "encoder.drop_every=40")
-    with served_lab_in(tmp_path) as lab, rig_sim(lab, "--axis", "x", "--trace", "motors.txt", *faults) as sim:
+    with served_lab_in(tmp_path) as lab, rig_sim(lab, "--axis", "x", *faults) as sim:
         file = lab.folder / SIM_FILE
         second = lab.cfid("rig", "sim")
         recorded = [lab.cfid("log", device, "--for", 0.5) for device in ("loadcell", "encoder")]
@@ -67,21 +66,12 @@ def test_commands_use_a_served_rig_which_traces_its_motors_and_leaves_nothing_be
                 "devices"
             ].items()
         }
-        host, _, port = tomllib.loads(file.read_text())["devices"]["crazyflie"]["uri"][len("udp://") :].partition(":")
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
-            for number, value in ((1, b"\x30\x75"), (0, b"\x02")):  # motorPowerSet: 30000 for all motors
-                client.sendto(b"\x2e" + bytes([number, 0]) + value, (host, int(port)))
-            sim.wait_until(lambda: (lab.folder / "motors.txt").read_text().count("\n") == 2, "motors")
         ended = sim.ask_to_end(signal.SIGTERM)
 
         assert second.code == 2
         assert all(said.code == 0 and said.err.startswith(SIMULATED) for said in recorded)
         assert losses["loadcell"]["arrivals"]["duplicates"] > 0
         assert losses["encoder"]["losses"]["polls_without_position"] > 0
-        assert [line.split()[1:] for line in (lab.folder / "motors.txt").read_text().splitlines()] == [
-            ["0"] * 4,
-            ["30000"] * 4,
-        ]
         assert ended.code == 0
         assert not file.exists()
         assert list(lab.folder.glob("cfid-sim-*")) == []
@@ -120,7 +110,6 @@ def test_a_simulated_rig_ends_after_its_time(tmp_path: Path) -> None:
         ("--for 0", "--for 0"),
         ("--axis q", "'q'"),
         ("--truth nowhere.toml", "nowhere.toml"),
-        ("--trace no/such/folder", "no/such/folder"),
     ],
 )
 def test_a_simulation_with_a_wrong_option_is_refused(tmp_path: Path, words: str, option: str) -> None:

@@ -52,7 +52,7 @@ def test_reasons_and_names_of_runs_are_printed_without_escapes_and_begin_no_line
     assert cfid("set", "mass_kg", "0.03", folder=place).returncode == 0
     for words in (
         ("runs", "note", "last", EVIL),
-        ("runs", "exclude", "last", "--because", f"{EVIL}\nFORGED"),
+        ("runs", "exclude", "last", "--note", f"{EVIL}\nFORGED"),
         ("status",),
         ("runs",),
         ("show", "last", "--no-figures"),

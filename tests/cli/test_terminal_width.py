@@ -10,13 +10,13 @@ from pathlib import Path
 import pytest
 
 from cfid.cli.rig import report_answers
+from cfid.console.inputs import open_workplace
 from cfid.console.live import LiveLine
 from cfid.console.messages import fault, fitted, note
-from cfid.console.options import Delivery
-from cfid.console.outcome import deliver
+from cfid.console.outcome import Delivery, deliver
+from cfid.console.program import Program, running
 from cfid.errors import DeviceError
 from cfid.findings import warning
-from cfid.records.campaign import open_campaign
 from cfid.records.parameters import Parameter
 from cfid.records.result import Result
 from cfid.records.run import Run, list_runs
@@ -51,7 +51,7 @@ def joined(lines: list[str]) -> str:
 
 def check() -> None:
     with contextlib.suppress(DeviceError):
-        report_answers("rig check", {"loadcell": [ANSWER]}, simulated=True, json=False)
+        report_answers("rig check", {"loadcell": [ANSWER]}, simulated=True)
 
 
 def question() -> None:
@@ -65,7 +65,12 @@ def message_above_a_live_line() -> None:
 
 
 def result() -> None:
-    deliver(Result(command="tf latency", section="", method="default", quantities={}, lines=(LONG,)), Delivery(), None)
+    deliver(
+        Result(command="tf latency", section="", method="default", quantities={}, lines=(LONG,)),
+        Delivery(),
+        open_workplace(),
+        keep=False,
+    )
 
 
 @pytest.mark.parametrize(
@@ -106,7 +111,8 @@ def test_a_finding_names_a_run_by_its_folder_alone(bodies: Path, capsys: pytest.
         quantities={"tf.verify.l20.late_s": Parameter(value=0.0, std=0.1)},
         findings=(finding,),
     )
-    deliver(result, Delivery(json=True, force=False, out=None, figures=False), open_campaign(bodies))
+    with running(Program(campaign=bodies, json=True)):
+        deliver(result, Delivery(figures=False), open_workplace())
     kept = " ".join(path.read_text() for path in (bodies / "fits").rglob("*") if path.is_file())
 
     said = json.loads(capsys.readouterr().out)

@@ -39,9 +39,9 @@ SEEDS = 12
 OPTIONS = (
     "fit inertia --peaks 12 --mass-kg 0.028:0.0001",
     "fit speed --markers 2",
-    "fit torque --order 2",
-    "fit drag --intercepts",
-    "tf identify --cutoff-hz 9 --settle-s 0.6",
+    "fit torque",
+    "fit drag",
+    "tf identify --shape first",
 )
 
 

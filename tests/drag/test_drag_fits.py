@@ -275,7 +275,7 @@ def test_a_file_that_is_not_a_table_of_forces_is_refused(tmp_path: Path, written
 
 def test_wrong_options_are_usage_errors_and_a_missing_reference_is_wrong_data(cfid: Cfid, tunnel: WindFolder) -> None:
     index = tunnel.write()
-    for options in (("--yaw-deg", "inf"), ("--intercepts", "--parasitic"), ("--table", index)):
+    for options in (("--yaw-deg", "inf"), ("--table", index)):
         ended = cfid("fit", "drag", *ON_THE_THESIS_RIG, "--index", index, *options)
         assert (ended.returncode, ended.stdout) == (2, "")
     assert cfid("fit", "drag").returncode == 2

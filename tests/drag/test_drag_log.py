@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from cfid.drag.command import SweepOptions, WindOptions
+from cfid.drag.command import wind_setting, wind_staircase
 from cfid.drag.plan import THESIS_WINDS, missing_lines, missing_runs, thesis_plan
 from cfid.errors import ConfigError
 from cfid.motors.plan import missing
@@ -76,13 +76,13 @@ def test_a_dry_run_says_the_wind_how_long_it_takes_and_what_the_thesis_plan_lack
 )
 def test_a_wind_that_is_not_whole_is_refused(given: dict[str, Any], key: str) -> None:
     with pytest.raises(ConfigError, match=re.escape(key)):
-        WindOptions(**given).setting()
+        wind_setting(*(given.get(key) for key in ("wind", "angle", "fan_voltage", "azimuth_deg")))
 
 
 @pytest.mark.parametrize("commands", ["", "0", "70000", "10000,x", "-1"])
 def test_commands_that_are_none_are_refused(commands: str) -> None:
     with pytest.raises(ConfigError, match=re.escape(f"--commands {commands}")):
-        SweepOptions(commands=commands).staircase()
+        wind_staircase(commands)
 
 
 def test_without_a_confirmation_nothing_turns(bench: Bench) -> None:

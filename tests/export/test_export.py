@@ -139,7 +139,6 @@ def test_what_a_hand_measured_is_taken(cfid: Cfid, campaign: Path) -> None:
         ("mass_kg", "28"),
         ("arm_m", "46"),
         ("gravity_mps2", "981"),
-        ("arm_m", "0.046", "--unit", "mm"),
         ("motor.thrust_voltage_poly", "0.0036,0.0072,0.0113,-0.0003"),  # its motors would stop
         ("motor.thrust_voltage_poly", "--", "0,1,1e200,1"),
         ("motor.thrust_voltage_poly", "--", "nan,0.01,0,0.001"),

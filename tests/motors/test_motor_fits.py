@@ -81,7 +81,7 @@ def test_files_of_the_thesis_kind_give_the_same_map(cfid: Cfid, tmp_path: Path) 
     for command in (16384, 32768, 60000):
         assert np.polyval(poly, command) == pytest.approx(true_thrust_n(command), rel=0.01)
 
-    thesis = content_of(cfid, "fit", "thrust", *words, "--motors", 2, "--method", "thesis", "--window", "2:4")
+    thesis = content_of(cfid, "fit", "thrust", *words, "--motors", 2, "--method", "thesis", "--from", "2", "--to", "4")
     poly = thesis["parameters"]["motor.thrust_poly"]["value"]
     assert np.polyval(poly, 40000) == pytest.approx(true_thrust_n(40000), rel=0.06)  # biased by only 51 samples
 
@@ -112,7 +112,7 @@ def test_a_voltage_cubic_that_no_firmware_could_invert_is_rejected_alone_and_the
     rows = zip(command, thrust, strict=True)
     table = campaign / "folds.csv"
     table.write_text("cmd,thrust_n,vbat_v\n" + "".join(f"{c:.0f},{t:.6f},4.0\n" for c, t in rows))
-    words = ("fit", "thrust", "--table", table, "--order", "4", "--campaign", campaign)
+    words = ("fit", "thrust", "--table", table, "--campaign", campaign)
     content = content_of(cfid, *words)
     cubic = "motor.thrust_voltage_poly"
     reason = next(
@@ -180,7 +180,7 @@ def test_figures_are_drawn_beside_the_parameters(cfid: Cfid, campaign: Path) -> 
 def test_rotor_speeds_are_heard_in_the_vibration(cfid: Cfid, campaign: Path) -> None:
     steps = (10000, 30000, 60000)
     run = write_run(campaign, climbed(steps, motors=(1,), rate_hz=3500.0, hold_s=4.0), steps=steps)
-    content = content_of(cfid, "fit", "rotor", run.folder, "--campaign", campaign)
+    content = content_of(cfid, "fit", "speed", "--vibration", run.folder, "--campaign", campaign)
     speeds = content["parameters"]["rotor.speed_rad_s"]
     truth = TRUTH.steady_rad_per_s(np.array(steps, dtype=float), volts=TRUTH.nominal_v)
 
@@ -293,7 +293,7 @@ def test_a_saturated_load_cell_is_told(cfid: Cfid, campaign: Path) -> None:
         ("fit thrust", 2),
         ("fit thrust abc=file.csv", 2),
         ("fit thrust 2000=missing.csv", 4),
-        ("fit thrust 2000=x.csv --window 5", 2),
+        ("fit thrust 2000=x.csv --from 5", 2),
         ("fit speed --table missing.csv", 4),
         ("fit speed missing --expect 5", 2),
     ],

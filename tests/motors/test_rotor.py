@@ -296,7 +296,7 @@ def test_the_command_takes_a_log_a_run_of_it_and_a_stand(tmp_path: Path, cfid: C
 
     write_stand(tmp_path / "stand.csv", PLANT, 24)
     assert cfid("fit", "dynamics", "--table", tmp_path / "stand.csv").returncode == 0
-    assert cfid("fit", "dynamics", tmp_path / "stand.csv", "--rotor", "1").returncode == 2
+    assert cfid("fit", "dynamics", tmp_path / "stand.csv", "--motor", "1").returncode == 2
 
 
 def test_the_figure_shows_speeds_model_and_residual(of_four: Result) -> None:

@@ -141,7 +141,7 @@ def angles(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         "convert {log} --to csv --out {out}",
         "import {log} --campaign {campaign}",
         "show {log} --no-figures",
-        "fit dynamics {log} --rotor 1 --to 700 --no-figures",
+        "fit dynamics {log} --motor 1 --to 700 --no-figures",
         "fit flight {log} --from 100 --to 300 --mass-kg 0.03 --no-figures --force",
     ],
 )

@@ -182,7 +182,7 @@ def test_a_folder_that_was_named_and_holds_no_rig_is_a_configuration_error(tmp_p
 
 
 def test_a_campaign_of_the_thesis_has_the_rig_of_its_calculation(cfid: Cfid, tmp_path: Path) -> None:
-    assert cfid("new", "lab", "--rig", "thesis").returncode == 0
+    assert cfid("new", "lab", "--kind", "thesis").returncode == 0
     written, thesis = load_rig(tmp_path / "lab" / "rig.toml"), thesis_rig()
 
     assert (written.mounts, written.friction) == (thesis.mounts, thesis.friction)

@@ -219,10 +219,11 @@ def test_a_second_simulated_rig_is_refused_and_one_that_was_killed_replaced(tmp_
 
 @pytest.mark.parametrize("text", ["process = 1", "no toml at all"])
 def test_a_command_that_was_meant_for_a_killed_simulated_rig_does_not_go_on_to_the_real_devices(
-    tmp_path: Path, rig: Rig, text: str
+    tmp_path: Path, rig: Rig, monkeypatch: pytest.MonkeyPatch, text: str
 ) -> None:
+    monkeypatch.chdir(tmp_path)
     (tmp_path / SIM_FILE).write_text(text)
     with pytest.raises(ConfigError, match="no simulated rig holds it"):
-        rig_of(tmp_path)
+        rig_of()
 
-    assert rig_of(tmp_path, or_real=True)[1:3] == (rig.devices, False)  # for `cfid motors stop`, which must never wait
+    assert rig_of(or_real=True)[1:3] == (rig.devices, False)  # for `cfid motors stop`, which must never wait

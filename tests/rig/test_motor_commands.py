@@ -74,9 +74,7 @@ COMMANDS = {
     "log speed --tachometer deck": Driving(STEP, vehicles=("stock, deck",)),
     "log speed --tachometer brushless": Driving(STEP, vehicles=("app, Brushless",)),
     "log scales": Driving(STEP, "30\n"),
-    "log sine": Driving(
-        ("--l", "8,16", "--n", 500, "--before", 0.5, "--yes"), vehicles=("app", "app, Brushless", "app, deck")
-    ),
+    "log sine": Driving(("--l", "8,16", "--n", 500, "--yes"), vehicles=("app", "app, Brushless", "app, deck")),
     "log wind": Driving(
         ("--wind", 0, "--tachometer", "none", "--commands", 20000, "--hold", 0.8, "--rest", 0.5, "--yes")
     ),
@@ -106,7 +104,7 @@ def test_a_command_ends_well_with_its_default_options(tmp_path: Path, name: str,
 
 HOLD = ("motors", "set", 30000, "--yes")
 STAIRS = ("log", "thrust", *ALL, "--from", 30000, "--to", 30000, "--hold", 20, "--rest", 0.3, "--yes")
-SINES = ("log", "sine", "--motor", 1, "--l", "100,120", "--n", 20000, "--before", 0.3, "--yes")
+SINES = ("log", "sine", "--motor", 1, "--l", "100,120", "--n", 20000, "--yes")
 ORDER = "1 2 3 4 30000\n"
 
 Act = Callable[[Bench, Pilot], None]
@@ -323,15 +321,13 @@ def test_the_operator_confirms_before_a_motor_turns(
     [
         *("log sine --l 1,x", "log sine --l 2001", "log sine --n 2000 --l 2,1001", "log sine --l 4,4"),
         *("log sine --l 4 --amplitude 30001", "log sine --l 4 --n 0", "log sine --motor 1,5", "log sine --amplitude 0"),
-        *("log sine --l 4 --plan thesis-first", "log sine --before 1e99", "log thrust some-run"),
+        *("log sine --l 4 --plan thesis-first", "log thrust some-run"),
         *("log thrust --from 3000 --to 2000", "log thrust --hold 0", "log thrust --hold 1e99"),
         *(
             "log thrust --step 100000",
             "log thrust --to 70000",
             "log speed --port /dev/x",
-            "log speed --yes --wait 3600",
         ),
-        *("log speed --yes --tachometer ut372 --wait 5", "log ping --interval 0"),
         *("motors set 70000", "motors set 1000 --motor 5"),
     ],
 )
@@ -476,7 +472,7 @@ def test_a_staircase_that_ends_in_the_pause_after_its_last_step_is_complete(benc
 
 
 def test_sines_are_played_one_after_the_other_and_resumed(bench: Bench) -> None:
-    words = ("log", "sine", "--l", "5,20,40", "--n", 300, "--yes", "--before", 0.2)
+    words = ("log", "sine", "--l", "5,20,40", "--n", 300, "--yes")
     pilot = bench.start(*words)
     played = lambda: len(list((bench.folder / "runs").glob("*"))) == 2 and any(bench.motors)  # noqa: E731
     pilot.wait_until(played, "the second sine")
@@ -484,7 +480,7 @@ def test_sines_are_played_one_after_the_other_and_resumed(bench: Bench) -> None:
     assert pilot.end() == 0
     assert not any(bench.motors)
     stopped = max((bench.folder / "runs").iterdir()).name
-    again = bench.start("log", "sine", "--yes", "--before", 0.2, "--resume", stopped, "--json")
+    again = bench.start("log", "sine", "--yes", "--resume", stopped, "--json")
     assert again.end() == 0, again.err
     assert json.loads(again.out)["wanted"] == [20, 40]
     states = [(run.header.requested["l"], run.header.state) for run in runs_of(bench)]

@@ -54,7 +54,7 @@ def test_a_plan_states_its_duration_what_of_it_is_made_up_and_that_a_fit_leaves_
 
 def test_motors_of_a_list_are_driven_one_after_the_other(tmp_path: Path) -> None:
     with bench_in(tmp_path) as bench:
-        words = ("log", "sine", "--periods", "5", "--samples", 100, "--before", 0.2, "--motor", "3,1")
+        words = ("log", "sine", "--periods", "5", "--samples", 100, "--motor", "3,1")
         rehearsed = bench.start(*words, "--dry-run")
         assert rehearsed.end() == 0
         assert "2 sines of 3 s on motors 1, 3" in rehearsed.out

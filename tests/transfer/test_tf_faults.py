@@ -160,8 +160,6 @@ def test_a_channel_that_does_not_measure_the_motor_gives_no_numbers(tf: Here, in
         ("--index missing.csv", 4),
         ("--index index.csv --arm-mm 0", 2),
         ("--index index.csv --yaw-deg nan", 2),
-        ("--index index.csv --cutoff-hz 0.1", 5),
-        ("--index index.csv --settle-s 3.9", 5),
     ],
 )
 def test_invalid_options_are_refused(tf: Here, index: Path, words: str, code: int) -> None:

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,8 @@ import pytest
 from cfid.records.files import RIG_FILE
 from cfid.records.parameters import Parameter, Section
 from cfid.records.rig_file import LoadCellMount, RigFacts, new_rig_text
+from cfid.transfer import fit, read_sines
+from cfid.transfer.thesis import settings_of
 from tests.lab import keep, sections_at, sentences
 from tests.offline.sine_bench import Bench, SimulatedSine
 from tests.transfer.sines_in_a_folder import (
@@ -49,7 +52,7 @@ def both(tmp_path_factory: pytest.TempPathFactory, first: list[SimulatedSine], s
 
 
 def test_an_index_of_two_series_gives_one_function_and_one_for_each(tf: Here, both: Path) -> None:
-    content = found(tf, "--index", both, "--compare", "eq3.15")
+    content = found(tf, "--index", both)
     parameters, quality = content["parameters"], content["quality"]
 
     assert content["command"] == "tf identify"
@@ -70,7 +73,8 @@ def test_an_index_of_two_series_gives_one_function_and_one_for_each(tf: Here, bo
     assert quality["degrees_of_freedom"] == 2 * quality["frequencies"] - 4
     assert quality["corrected_aic"]["first+delay"] < 5
     assert quality["corrected_aic"]["first"] > 100
-    assert quality["compared"]["eq3.15"]["static_gain_n"] == pytest.approx(2.383e-6, rel=1e-3)
+    published = fit(read_sines([], index=both), compare="eq3.15").quality["compared"]
+    assert published["eq3.15"]["static_gain_n"] == pytest.approx(2.383e-6, rel=1e-3)
     assert {Path(source["path"]).name for source in content["sources"]} >= {"index.csv", "cellfirst_0.csv"}
 
 
@@ -178,11 +182,11 @@ def test_the_static_gain_is_checked_against_the_thrust_map(
         assert any("off the thrust map's slope" in warning for warning in sentences(content)) == warned
 
 
-def test_each_series_of_the_thesis_has_its_constants(tf: Here, both: Path) -> None:
-    thesis = ("--index", both, "--method", "thesis")
+def test_each_series_of_the_thesis_has_its_constants(both: Path) -> None:
+    sines_read = read_sines([], index=both)
     numerators = [
-        found(tf, *thesis, *preset)["parameters"]["tf.numerator"]["value"]
-        for preset in ((), ("--preset", "first"), ("--preset", "second"))
+        fit(sines_read, settings=partial(settings_of, preset=preset), method="thesis").quantities["tf.numerator"].value
+        for preset in (None, "first", "second")
     ]
 
     assert numerators[0] == numerators[1] != numerators[2]

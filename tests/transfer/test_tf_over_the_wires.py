@@ -39,10 +39,10 @@ def identified(bench: Bench, *words: object) -> dict[str, Any]:
 
 def test_sines_that_were_logged_are_identified_and_verified(tmp_path: Path) -> None:
     with bench_in(tmp_path, **STILL) as bench:
-        logged(bench, "--l", "4,8,32", "--n", 2000, "--before", 0.4)
-        parameters = identified(bench, "--settle-s", 0.4)
+        logged(bench, "--l", "4,8,32", "--n", 2000)
+        parameters = identified(bench)
         last = list(open_campaign(tmp_path).runs(kind="sine"))[-1].folder.name
-        verified = bench.start("tf", "verify", last, "--settle-s", 0.4, "--no-figures")
+        verified = bench.start("tf", "verify", last, "--no-figures")
 
         assert parameters["tf.time_constant_s"]["value"] == pytest.approx(TRUTH.time_constant_s, rel=0.02)
         assert parameters["tf.static_gain_n"]["value"] == pytest.approx(SLOPE_N, rel=0.01)
@@ -53,8 +53,8 @@ def test_sines_that_were_logged_are_identified_and_verified(tmp_path: Path) -> N
 
 def test_sines_of_all_motors_are_usable_and_identified_by_the_force(tmp_path: Path) -> None:
     with bench_in(tmp_path, **STILL) as bench:
-        logged(bench, "--l", "4,16", "--n", 2000, "--motor", 0, "--before", 0.4)
-        parameters = identified(bench, "--channel", "Fz", "--settle-s", 0.4)
+        logged(bench, "--l", "4,16", "--n", 2000, "--motor", 0)
+        parameters = identified(bench, "--channel", "Fz")
         verdicts = [run.header.verdict for run in open_campaign(tmp_path).runs(kind="sine")]
 
         assert [verdict is not None and verdict.usable for verdict in verdicts] == [True, True]

@@ -1,20 +1,23 @@
 """`cfid tf verify` compares a transfer function with runs from which it was not identified."""
 
+import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from cfid.errors import CfidError, DataError
 from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import new_rig_text
 from cfid.records.run import amend_run, read_run
-from tests.lab import sections_at, sentences
+from cfid.transfer import read_sines, verify
+from cfid.transfer.model import TransferFunction
+from tests.lab import sections_at
 from tests.offline.sine_bench import SimulatedSine
 from tests.transfer.sines_in_a_folder import GAIN_N, LAG_S, Here, sines, write_index, write_run
 from tests.transfer.test_tf_faults import refused
 
 POLE = float(np.exp(-0.002 / LAG_S))
-NUMERATOR, DENOMINATOR = f"0,{GAIN_N * (1 - POLE):.8g}", f"1,{-POLE:.8g}"
 DELAY_S = 0.0006 - 0.028
 
 
@@ -32,7 +35,7 @@ def campaign(tmp_path: Path, runs: list[SimulatedSine]) -> Path:
     return tmp_path
 
 
-BY_NUMBERS = ("--numerator", "0,6.07e-8", "--denominator", "1,-0.97453", "--delay-s", "-0.0274")
+FUNCTION = TransferFunction.of_coefficients([0.0, 6.07e-8], [1.0, -0.97453], delay_s=-0.0274)
 
 
 def name_of(campaign: Path, l: int) -> str:  # noqa: E741
@@ -78,60 +81,61 @@ def test_the_thesis_result_of_a_campaign_is_verified_from_the_stamps_on_average(
     assert late_s < -0.002  # the latency, which the thesis method ignores
 
 
-def test_a_function_by_its_numbers_needs_no_campaign(tf: Here, tmp_path: Path, runs: list[SimulatedSine]) -> None:
-    index = write_index(tmp_path, {"": runs[4:7]})
-    told = ("--index", index, "--numerator", NUMERATOR, "--denominator", DENOMINATOR)
-    good = tf.json("verify", *told, "--delay-s", DELAY_S)
-    shifted = tf.json("verify", *told, "--delay-s", DELAY_S - 0.02, code=5)
-    wrong = tf.json("verify", *told, "--delay-s", DELAY_S, "--denominator", "1,-0.9", code=5)
+def test_only_the_function_of_a_sine_describes_it(tmp_path: Path, runs: list[SimulatedSine]) -> None:
+    sines_read = read_sines([], index=write_index(tmp_path, {"": runs[4:7]}))
+    numerator = [0.0, GAIN_N * (1 - POLE)]
+    good, shifted, wrong = (
+        verify(sines_read, TransferFunction.of_coefficients(numerator, [1.0, -pole], delay_s=delay_s))
+        for pole, delay_s in ((POLE, DELAY_S), (POLE, DELAY_S - 0.02), (0.9, DELAY_S))
+    )
 
-    assert good["accepted"]
-    assert {key.split(".")[2] for key in good["parameters"]} == {"crossings_10", "crossings_12", "crossings_20"}
-    assert not shifted["accepted"]
-    assert not wrong["accepted"]
-    assert any("the measured sine differs from the simulated one by" in text for text in sentences(shifted))
+    assert [result.accepted for result in (good, shifted, wrong)] == [True, False, False]
+    assert {key.split(".")[2] for key in good.quantities} == {"crossings_10", "crossings_12", "crossings_20"}
 
 
 @pytest.mark.parametrize(
-    "words",
+    ("numerator", "denominator", "delay_s"),
     [
-        "--index index.csv",
-        "--numerator 1 --denominator 1",
-        "--index index.csv --numerator 1",
-        "--index index.csv --denominator 2,-1 --numerator 1",
-        "--index index.csv --denominator 2,-1 --numerator nan",
-        "--index index.csv --denominator 1,-0.97 --numerator 0,0",
-        "--index index.csv --denominator 1,-1.5 --numerator 0,6e-8",
-        "--index index.csv --denominator 1,-0.97 --numerator 0,6e-8 --delay-s nan",
-        "--index index.csv --denominator 1,-0.97 --numerator 0,6e-8 --delay-s -1e9",
+        ([1], [2, -1], 0.0),
+        ([math.nan], [1, -0.97], 0.0),
+        ([0, 0], [1, -0.97], 0.0),
+        ([0, 6e-8], [1, -1.5], 0.0),
+        ([0, 6e-8], [1, -0.97], math.nan),
+        ([0, 6e-8], [1, -0.97], -1e9),
     ],
 )
-def test_what_cannot_be_verified_is_refused(tf: Here, tmp_path: Path, runs: list[SimulatedSine], words: str) -> None:
+def test_coefficients_of_no_motor_are_refused(numerator: list[float], denominator: list[float], delay_s: float) -> None:
+    with pytest.raises(CfidError):
+        TransferFunction.of_coefficients(numerator, denominator, delay_s=delay_s)
+
+
+def test_nothing_to_verify_is_refused(tf: Here, tmp_path: Path, runs: list[SimulatedSine]) -> None:
     write_index(tmp_path, {"": runs[4:5]}, cells=1)
-    refused(tf("verify", *words.split()), 2)
+    refused(tf("verify", "--index", "index.csv"), 2)
     (tmp_path / RIG_FILE).write_text(new_rig_text())
     refused(tf("verify", "--index", "index.csv"), 2, "has no transfer function yet: run `cfid tf identify`")
 
 
-def test_a_run_without_frequency_is_left_out_and_alone_cannot_be_compared(tf: Here, tmp_path: Path) -> None:
-    index = write_index(tmp_path, {"": sines((0, 10))}, cells=1)
-    both = tf.json("verify", "--index", index, *BY_NUMBERS)
-    assert [key for key in both["parameters"] if key.endswith("late_s")] == ["tf.verify.crossings_10.late_s"]
+def test_a_run_without_frequency_is_left_out_and_alone_cannot_be_compared(tmp_path: Path) -> None:
+    both = read_sines([], index=write_index(tmp_path, {"": sines((0, 10))}, cells=1))
+    assert [key for key in verify(both, FUNCTION).quantities if key.endswith("late_s")] == [
+        "tf.verify.crossings_10.late_s"
+    ]
 
-    alone = write_index(tmp_path, {"": sines((0,))}, cells=1, name="alone.csv")
-    refused(tf("verify", "--index", alone, *BY_NUMBERS), 4, "l = 0 (crossings_0.csv): has no frequency")
+    alone = read_sines([], index=write_index(tmp_path, {"": sines((0,))}, cells=1, name="alone.csv"))
+    with pytest.raises(DataError):
+        verify(alone, FUNCTION)
 
 
-def test_runs_whose_files_are_called_the_same_keep_their_own_figures(tf: Here, tmp_path: Path) -> None:
+def test_runs_whose_files_are_called_the_same_keep_their_own_figures(tmp_path: Path) -> None:
     for folder, seed in (("one", 0), ("other", 1)):
         (tmp_path / folder).mkdir()
         write_index(tmp_path / folder, {"": sines((10,), seed=seed)}, cells=1)
     rows = [(tmp_path / folder / "index.csv").read_text().splitlines() for folder in ("one", "other")]
     lines = [row[1].replace(",c", f",{at}/c") for at, row in zip(("one", "other"), rows, strict=True)]
     (tmp_path / "both.csv").write_text("\n".join([rows[0][0], *lines]) + "\n")
-    content = tf.json("verify", "--index", "both.csv", *BY_NUMBERS)
+    result = verify(read_sines([], index=tmp_path / "both.csv"), FUNCTION)
 
-    assert len([key for key in content["parameters"] if key.endswith("gain_ratio")]) == 2
-    assert len(content["quality"]["runs"]) == 2
-    assert tf("verify", "--index", "both.csv", *BY_NUMBERS, "--figures").returncode == 0
-    assert {"tf_verify_l10.png", "tf_verify_l10_2.png"} <= {path.name for path in tmp_path.rglob("*.png")}
+    assert len([key for key in result.quantities if key.endswith("gain_ratio")]) == 2
+    assert len(result.quality["runs"]) == 2
+    assert {"tf_verify_l10", "tf_verify_l10_2"} <= set(result.figures())

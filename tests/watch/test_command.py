@@ -31,7 +31,7 @@ def test_a_browser_that_takes_the_terminal_is_served_before_any_run_and_ctrl_c_e
     program.chmod(0o755)
     with said.open("wb") as file:
         browser = {**os.environ, "BROWSER": f"{program} %s"}
-        running = started(["watch", "--open"], cwd=campaign, env=browser, stdout=file, stderr=file)
+        running = started(["watch"], cwd=campaign, env=browser, stdout=file, stderr=file)
     wait_until(lambda: seen.exists() and seen.read_bytes() != b"", "the page in the browser")
     assert b"<title>cfid watch" in seen.read_bytes()
     running.send_signal(signal.SIGINT)

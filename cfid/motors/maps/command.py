@@ -1,33 +1,35 @@
 """`cfid fit thrust`, `cfid fit speed` and `cfid fit torque`: from steady points of the motors to maps."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cfid.console.flat import flat
 from cfid.console.inputs import Workplace, find_recording, open_workplace
 from cfid.console.lists import measured, span
 from cfid.console.options import (
-    Delivery,
+    Figures,
     FlipFz,
+    Force,
+    FromS,
+    Geometry,
     GravityMps2,
     Markers,
     Method,
-    RigOptions,
+    Out,
+    ToS,
+    positive,
 )
-from cfid.console.outcome import deliver
+from cfid.console.outcome import Delivery, deliver
 from cfid.errors import ConfigError
-from cfid.motors.vibration.command import RotorOptions
 from cfid.records.choose import labelled
 
 if TYPE_CHECKING:
-    from cfid.motors.maps.data import Stand
-    from cfid.motors.maps.estimation import Order
-    from cfid.records.result import Result
+    from cfid.motors.vibration.data import Rotors
+    from cfid.recordings.wrench import WrenchRecord
 
-_INPUT = "What was measured"
+_INPUT, _VIBRATION = "What was measured", "Speed from vibration"
 
 Words = Annotated[
     list[str] | None,
@@ -38,64 +40,24 @@ Words = Annotated[
 ]
 
 
-@dataclass(frozen=True, kw_only=True)
-class StandOptions:
-    """Facts that files do not contain."""
-
-    table: Annotated[
-        Path | None,
-        typer.Option(
-            help="Table with columns cmd, thrust_n, ..., or a thrust stand's CSV file.", rich_help_panel=_INPUT
-        ),
-    ] = None
-    motors: Annotated[
-        int | None,
-        typer.Option(min=1, max=4, help="Number of motors that ran, for files; runs state it.", rich_help_panel=_INPUT),
-    ] = None
-    markers: Markers = None
-    window: Annotated[
-        str | None,
-        typer.Option(metavar="FROM,TO", help="Time window to use in every file, in seconds.", rich_help_panel=_INPUT),
-    ] = None
-    flip_fz: FlipFz = None
-
-    def known(self) -> "Stand":
-        """Return the facts in the form that fits take. Raises ConfigError for an invalid window."""
-        from cfid.motors.maps.data import Stand
-
-        window_s = None if self.window is None else span(self.window, "--window", unit="seconds", example="4,8")
-        return Stand(motors=self.motors, markers=self.markers, window_s=window_s, flip_fz=self.flip_fz)
+Table = Annotated[
+    Path | None,
+    typer.Option(help="Table with columns cmd, thrust_n, ..., or a thrust stand's CSV file.", rich_help_panel=_INPUT),
+]
+Motors = Annotated[
+    int | None,
+    typer.Option(min=1, max=4, help="Number of motors that ran, for files; runs state it.", rich_help_panel=_INPUT),
+]
 
 
-@dataclass(frozen=True, kw_only=True)
-class MapOptions:
-    """How a map is fitted."""
-
-    order: Annotated[
-        str | None,
-        typer.Option(
-            metavar="N|auto", help="Order of the polynomial; default: as in the thesis; auto: by corrected AIC."
-        ),
-    ] = None
-    robust: Annotated[bool, typer.Option(help="Reduce the weight of outliers.")] = True
-
-    def chosen(self, usual: int) -> "Order":
-        """Return the order. Raises ConfigError for an invalid one."""
-        if self.order is None:
-            return usual
-        if self.order == "auto":
-            return "auto"
-        if not self.order.isdecimal() or not 1 <= int(self.order) <= 5:
-            raise ConfigError(f"--order {self.order}: should be a whole number from 1 to 5, or auto.")
-        return int(self.order)
-
-
-@flat
 def thrust(
-    *,
     runs: Words = None,
-    stand: StandOptions,
-    fit: MapOptions,
+    *,
+    table: Table = None,
+    motors: Motors = None,
+    from_s: FromS = None,
+    to_s: ToS = None,
+    flip_fz: FlipFz = None,
     verify: Annotated[
         list[Path] | None,
         typer.Option(
@@ -103,49 +65,58 @@ def thrust(
             "can be repeated."
         ),
     ] = None,
-    rig: RigOptions,
-    delivery: Delivery,
+    geometry: Geometry = None,
     gravity_mps2: GravityMps2 = None,
     method: Method = "default",
+    force: Force = False,
+    figures: Figures = None,
+    out: Out = None,
 ) -> None:
     """Fit one motor's thrust over command, its inverse and largest thrust, and thrust over a logged voltage.
 
     Example: [bold]cfid fit thrust 2026-11-21_083012_thrust[/bold]
     """
     from cfid.motors.maps import fit_thrust
-    from cfid.motors.maps.data import read_evidence
+    from cfid.motors.maps.data import Stand, read_evidence
 
-    gravity = measured(gravity_mps2, "--gravity-mps2")
-    workplace = open_workplace(rig, gravity=gravity)
+    workplace = open_workplace(geometry, gravity=measured(gravity_mps2, "--gravity-mps2"))
+    stand = Stand(motors=motors, window_s=_window(from_s, to_s), flip_fz=flip_fz)
     result = fit_thrust(
-        read_evidence(
-            runs or [],
-            workplace,
-            known=stand.known(),
-            table=stand.table,
-            kind="thrust",
-            method=method,
-        ),
+        read_evidence(runs or [], workplace, known=stand, table=table, kind="thrust", method=method),
         gravity_mps2=workplace.rig.site.gravity_mps2,
-        order=fit.chosen(2),
-        robust=fit.robust,
-        stand=replace(stand.known(), facts=workplace.rig.facts),
-        scales=[find_recording(str(one), workplace, labelled("scales")) for one in verify or ()],
+        stand=replace(stand, facts=workplace.rig.facts),
+        scales=[find_recording(str(path), workplace, labelled("scales")) for path in verify or ()],
         method=method,
     )
-    _deliver(result, workplace, delivery)
+    deliver(result, Delivery(force, figures, out), workplace)
 
 
-@flat
 def speed(
-    *,
     runs: Words = None,
-    stand: StandOptions,
-    fit: MapOptions,
-    vibration: RotorOptions,
-    rig: RigOptions,
-    delivery: Delivery,
+    *,
+    table: Table = None,
+    motors: Motors = None,
+    markers: Markers = None,
+    from_s: FromS = None,
+    to_s: ToS = None,
+    vibration: Annotated[
+        bool,
+        typer.Option(
+            "--vibration",
+            help="List the speeds of one run or load-cell file, estimated from vibration, without fitting a map.",
+            rich_help_panel=_VIBRATION,
+        ),
+    ] = False,
+    blades: Annotated[int, typer.Option(min=1, max=6, help="Blades per propeller.", rich_help_panel=_VIBRATION)] = 2,
+    expect: Annotated[
+        str | None,
+        typer.Option(metavar="FROM,TO", help="Range of speeds to search, in rad/s.", rich_help_panel=_VIBRATION),
+    ] = None,
+    geometry: Geometry = None,
     method: Method = "default",
+    force: Force = False,
+    figures: Figures = None,
+    out: Out = None,
 ) -> None:
     """Fit one rotor's speed over command; a tachometer's readings are divided by its markers.
 
@@ -154,55 +125,74 @@ def speed(
     Example: [bold]cfid fit speed --table rpm.csv --markers 2[/bold]
     """
     from cfid.motors.maps import fit_speed
-    from cfid.motors.maps.data import read_evidence
+    from cfid.motors.maps.data import Stand, read_evidence
+    from cfid.motors.vibration import fit as fit_vibration
 
-    rotors = vibration.rotors_known()
-    workplace = open_workplace(rig)
-    result = fit_speed(
-        read_evidence(
-            runs or [],
-            workplace,
-            known=stand.known(),
-            table=stand.table,
-            kind="speed",
-            method=method,
-            rotors=rotors,
-        ),
-        order=fit.chosen(1),
-        robust=fit.robust,
-        method=method,
-    )
-    _deliver(result, workplace, delivery)
+    rotors = _rotors(motors if vibration else None, blades, expect)
+    workplace = open_workplace(geometry)
+    if vibration:
+        result = fit_vibration(_wrench(runs, workplace), rotors=rotors, from_s=from_s, to_s=to_s)
+    else:
+        stand = Stand(motors=motors, markers=markers, window_s=_window(from_s, to_s))
+        evidence = read_evidence(
+            runs or [], workplace, known=stand, table=table, kind="speed", method=method, rotors=rotors
+        )
+        result = fit_speed(evidence, method=method)
+    deliver(result, Delivery(force, figures, out), workplace)
 
 
-@flat
 def torque(
-    *,
     runs: Words = None,
-    stand: StandOptions,
-    fit: MapOptions,
-    rig: RigOptions,
-    delivery: Delivery,
+    *,
+    table: Table = None,
+    motors: Motors = None,
+    from_s: FromS = None,
+    to_s: ToS = None,
+    flip_fz: FlipFz = None,
+    geometry: Geometry = None,
     method: Method = "default",
+    force: Force = False,
+    figures: Figures = None,
+    out: Out = None,
 ) -> None:
     """Fit one motor's torque over its thrust.
 
     Example: [bold]cfid fit torque 2026-11-21_083012_thrust[/bold]
     """
     from cfid.motors.maps import fit_torque
-    from cfid.motors.maps.data import read_evidence
+    from cfid.motors.maps.data import Stand, read_evidence
 
-    workplace = open_workplace(rig)
-    found = read_evidence(
-        runs or [],
-        workplace,
-        known=stand.known(),
-        table=stand.table,
-        kind="thrust",
-        method=method,
-    )
-    _deliver(fit_torque(found, order=fit.chosen(1), robust=fit.robust, method=method), workplace, delivery)
+    workplace = open_workplace(geometry)
+    stand = Stand(motors=motors, window_s=_window(from_s, to_s), flip_fz=flip_fz)
+    evidence = read_evidence(runs or [], workplace, known=stand, table=table, kind="thrust", method=method)
+    deliver(fit_torque(evidence, method=method), Delivery(force, figures, out), workplace)
 
 
-def _deliver(result: "Result", workplace: Workplace, delivery: Delivery) -> None:
-    deliver(replace(result, folder=workplace.figures), delivery, workplace.campaign, workplace.own_rig)
+def _window(from_s: float | None, to_s: float | None) -> tuple[float, float] | None:
+    """Return the window to use in every file, in seconds; None for all of it. Raises ConfigError for half a window."""
+    if from_s is None and to_s is None:
+        return None
+    if from_s is None or to_s is None or from_s >= to_s:
+        raise ConfigError("--from and --to: a window of a file has both, the first below the second.")
+    return from_s, to_s
+
+
+def _rotors(number: int | None, blades: int, expect: str | None) -> "Rotors":
+    """Return what vibrates, in the form that fits take. Raises ConfigError for an invalid range of speeds."""
+    from cfid.motors.vibration.data import Rotors
+
+    low_high = None if expect is None else span(expect, "--expect", unit="rad/s", example="400,3500")
+    if low_high is not None:
+        positive(low_high[0], "--expect")
+    return Rotors(number=number, blades=blades, expected_rad_per_s=low_high)
+
+
+def _wrench(runs: list[str] | None, workplace: Workplace) -> "WrenchRecord":
+    """Return the load cell's record of the one run given. Raises ConfigError for none or several."""
+    from cfid.recordings.read import read_recording
+    from cfid.recordings.wrench import LOADCELL, wrench_of
+
+    if len(runs or ()) != 1:
+        raise ConfigError("--vibration: name one run with the load cell, or one load-cell file.")
+    path = find_recording((runs or [])[0], workplace, lambda run: LOADCELL in run.header.devices)
+    return wrench_of(read_recording(path))

@@ -80,7 +80,8 @@ def fit(
         return {f"fit_rotor_{record.name}": rotor_figure(record, window_s, speed_rad_per_s=speed, title=title)}
 
     return Result(
-        command="fit rotor",
+        command="fit speed",
+        section="rotor",
         method="default",
         quantities=_quantities(windows),
         wanted=(KEY,),
