@@ -66,7 +66,7 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     ),
     "fleet fit": (
         "cfid.fleet.fit_command:fleet_fit",
-        "Refit campaigns from their recordings: each fit in force, into a new folder. No campaign is changed.",
+        "Refit campaigns from their recordings: each fit that counts, into a new folder. No campaign is changed.",
     ),
     "export": (
         "cfid.export.command:export",
