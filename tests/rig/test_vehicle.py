@@ -247,7 +247,7 @@ def test_tables_are_those_that_cflib_reads_whatever_is_lost_and_are_kept(
         cf, connected = Crazyflie(), threading.Event()
         cf.connected.add_callback(lambda uri: connected.set())
         cf.open_link(served.uri)
-        assert connected.wait(10)
+        assert connected.wait(60)
         theirs = [
             {f"{entry.group}.{entry.name}": entry for group in toc.toc.values() for entry in group.values()}
             for toc in (cf.log.toc, cf.param.toc)
