@@ -71,33 +71,6 @@ def test_completion_lists_commands_below_a_group() -> None:
     assert {"swing", "friction", "inertia", "thrust"} <= set(ended.stdout.split())
 
 
-@pytest.mark.parametrize(
-    ("pip_knows", "uv_ends", "installs"),
-    [
-        ("global.extra-index-url='file:///wheels'", 0, ["-m uv pip"]),
-        ("global.index-url='https://lab.example/simple'", 0, ["-m pip"]),
-        (":env:.index-url='https://lab.example/simple'", 0, ["-m pip"]),
-        ("", 1, ["-m uv pip", "-m pip"]),
-    ],
-)
-def test_packages_come_by_uv_and_by_pip_where_it_has_an_index_or_uv_finds_none(
-    tmp_path: Path, pip_knows: str, uv_ends: int, installs: list[str]
-) -> None:
-    python = tmp_path / "bin/python"
-    python.parent.mkdir()
-    python.write_text(
-        f'''#!/bin/sh
-echo "$*" >> {tmp_path}/asked
-case "$*" in "-m pip config"*) echo "{pip_knows}";; "-m uv"*) exit {uv_ends};; esac
-'''
-    )
-    python.chmod(0o755)
-    subprocess.run(["bash", ROOT / ".ci/packages", tmp_path, "--editable", ".[dev]"], check=True)
-
-    asked = (tmp_path / "asked").read_text().splitlines()
-    assert [line.partition(" install")[0] for line in asked if line.endswith("--editable .[dev]")] == installs
-
-
 @pytest.mark.slow
 def test_the_tour_of_the_readme_runs_in_an_empty_environment_with_the_wheel(tmp_path: Path) -> None:
     source = tmp_path / "source"
