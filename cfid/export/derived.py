@@ -48,7 +48,6 @@ class Derived:
     """
 
     rpm = RPM  # rad/s of one revolution per minute
-    full_command = FULL_COMMAND
 
     def __init__(self, vehicle: ExportVehicle) -> None:
         """Take the quantities of a vehicle."""

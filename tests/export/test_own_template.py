@@ -13,6 +13,7 @@ from cfid.errors import DataError
 from cfid.export.derived import Derived, Motor
 from cfid.export.render import rendered
 from cfid.export.target import Target, target_named
+from cfid.quantities.registry import QUANTITIES
 from tests.export.thesis_vehicle import section, sections, vehicle
 from tests.lab import ROOT, Cfid, keep, keep_instead, new_campaign
 
@@ -84,6 +85,16 @@ def test_it_reads_no_quantity_that_its_head_does_not_state_since_that_was_not_ju
         write(campaign, body)
         with pytest.raises(DataError):
             rendered(in_this_process(campaign), vehicle())
+
+
+def test_a_head_of_many_quantities_is_short(campaign: Path) -> None:
+    keys = [row.key for row in QUANTITIES if row.key != "mass_kg"]
+    write(campaign, "mass: 1\n", HEAD.replace('["drag"]', json.dumps(keys)))
+    lines = rendered(in_this_process(campaign), vehicle()).splitlines()
+
+    assert lines[-1] == "mass: 1"
+    assert len(lines) <= 13
+    assert "NOT MEASURED: swing." in "".join(lines)
 
 
 @pytest.mark.parametrize(
