@@ -114,7 +114,7 @@ def _shared(fits: Sequence[tuple[Section, Sequence[str]]], places: Mapping[str, 
     for section, keys in fits:
         for cause, changes in section.common.items():
             for key in (key for key in keys if key in changes):
-                effects.setdefault(cause, np.zeros(size))[places[key].astype(int)] = numbers_of("", changes[key])
+                effects.setdefault(cause, np.zeros(size))[places[key]] = numbers_of("", changes[key])
     return sum((np.outer(effect, effect) for effect in effects.values()), np.zeros((size, size)))
 
 

@@ -90,7 +90,8 @@ def targets(campaign: Path) -> dict[str, Target]:
 
     Raises ConfigError for an invalid template of the campaign.
     """
-    return _shipped() | {path.stem: _own(path) for path in sorted((campaign / FOLDER).glob("*.j2"))}
+    templates = sorted(path for path in (campaign / FOLDER).glob("*.j2") if path.is_file())
+    return _shipped() | {path.stem: _own(path) for path in templates}
 
 
 def target_named(name: str, campaign: Path) -> Target:

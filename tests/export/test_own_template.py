@@ -1,6 +1,7 @@
 """A campaign's own template is a target too; what others wrote into one reads no file and ends in time."""
 
 import json
+import os
 import textwrap
 from pathlib import Path
 from typing import Any
@@ -183,6 +184,9 @@ def test_a_template_does_not_take_the_place_of_a_target_or_of_what_a_campaign_ke
     assert cfid("export", "list").returncode == 2
     (campaign / "exports" / "firmware.j2").unlink()
 
+    os.mkfifo(campaign / "exports" / "pipe.j2")
+    assert cfid("export", "list").returncode == 0
+    assert cfid("export", "pipe").returncode == 2
     assert cfid("export", "../exports/mine").returncode == 2
     assert cfid("export", "other").returncode == 2
 
