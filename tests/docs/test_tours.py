@@ -10,13 +10,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from typer.main import get_command
 
+from cfid.cli.main import app
 from cfid.quantities.plausible import implausible
 from cfid.quantities.registry import find, unit_of
 from tests.lab import DATA, ROOT, run_cfid, sections_at, values_at
 from tests.priority import ahead_of_others
 from tests.processes import cfid_in_a_shell
 
+# The changelog names what is gone.
+PAGES = sorted([ROOT / "README.md", *{*(ROOT / "docs").rglob("*.md")} - {ROOT / "docs/changelog.md"}])
 FIRST, REAL = ROOT / "docs/tutorial/first-campaign.md", ROOT / "docs/tutorial/real-recordings.md"
 NOTEBOOK = ROOT / "docs/how-to/python.md"
 README = ROOT / "README.md"
@@ -162,6 +166,20 @@ def commands_of(page: Path) -> Iterator[list[str]]:
         for part in re.split(r" && | \|\| | > | 2> | \| |  +#| &$", line):
             if part.startswith("cfid "):
                 yield part.replace('"', "").split()[1:]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_a_page_names_only_commands_and_options_of_the_program(page: Path) -> None:
+    root = get_command(app)
+    context = root.context_class(root, info_name="cfid")
+    options = {word for parameter in root.params for word in (*parameter.opts, *parameter.secondary_opts)}
+    for words in commands_of(page):
+        command, rest = root, words
+        while rest and hasattr(command, "commands") and re.fullmatch(r"[a-z]+", rest[0]):
+            _, command, rest = command.resolve_command(context, rest)
+        known = options | {word for one in command.params for word in (*one.opts, *one.secondary_opts)} | {"--help"}
+        named = {word.rstrip(",)").partition("=")[0] for word in rest if re.match("--[a-z]", word)}
+        assert named <= known, f"cfid {' '.join(words)}"
 
 
 @pytest.mark.skipif(not DATA.exists(), reason="the public recordings are not here (CFID_DATA)")
