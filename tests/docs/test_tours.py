@@ -170,7 +170,7 @@ def commands_of(page: Path) -> Iterator[list[str]]:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_a_page_names_only_commands_and_options_of_the_program(page: Path) -> None:
-    root = get_command(app)
+    root: Any = get_command(app)
     context = root.context_class(root, info_name="cfid")
     options = {word for parameter in root.params for word in (*parameter.opts, *parameter.secondary_opts)}
     for words in commands_of(page):
