@@ -1,12 +1,21 @@
 """`cfid fits`: list a campaign's kept fits, withdraw them, and repeat them."""
 
+import json as encoder
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.box import SIMPLE
+from rich.table import Column, Table
 
 from cfid.console.campaign import here, write_parameters
-from cfid.console.messages import echo, note
+from cfid.console.messages import echo, note, printable
 from cfid.console.program import program
+from cfid.console.tables import print_table
+from cfid.errors import ConfigError, DataError
+from cfid.fleet.recipes import again, options_of
+from cfid.fleet.refit import moves_of
+from cfid.records.fits import is_withdrawn, list_fits, withdraw
+from cfid.records.parameters import runs_of
 
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
@@ -27,8 +36,6 @@ def show_fits(context: typer.Context) -> None:
     """
     if context.invoked_subcommand is not None:
         return
-    from cfid.errors import DataError
-    from cfid.records.fits import is_withdrawn, list_fits
 
     found = here()
     values, listed = found.values(), list_fits(found.fits_folder)
@@ -41,8 +48,6 @@ def show_fits(context: typer.Context) -> None:
     for fault in (fault for fault in listed if isinstance(fault, DataError)):
         note(f"{fault} The fit does not count.")
     if program().json:
-        import json as encoder
-
         content = [
             {
                 "fit": fit.stem, "command": fit.command, "options": fit.options, "method": fit.section.method,
@@ -53,11 +58,6 @@ def show_fits(context: typer.Context) -> None:
         ]  # fmt: skip
         echo(encoder.dumps({"command": "fits", "fits": content}, indent=2, default=str))
         return
-    from rich.box import SIMPLE
-    from rich.table import Column, Table
-
-    from cfid.console.messages import printable
-    from cfid.console.tables import print_table
 
     table = Table(Column("fit", overflow="fold"), "when", "recordings", "taken", "state", box=SIMPLE, pad_edge=False)
     for fit, count, state in rows:
@@ -71,7 +71,6 @@ def drop(words: Annotated[list[str], typer.Argument(metavar="FIT ...", help="Nam
 
     Example: [bold]cfid fits drop 0007_thrust[/bold]
     """
-    from cfid.records.fits import withdraw
 
     found = here()
     for fit in [_fit_named(word, found) for word in words]:
@@ -91,10 +90,6 @@ def repeat(word: FitWord) -> None:
 
     Example: [bold]cfid fits repeat 0007_thrust[/bold]
     """
-    from cfid.errors import DataError
-    from cfid.fleet.recipes import again, options_of
-    from cfid.fleet.refit import moves_of
-    from cfid.records.parameters import runs_of
 
     found = here()
     fit = _fit_named(word, found)
@@ -133,7 +128,6 @@ def repeat(word: FitWord) -> None:
 
 def _fit_named(word: str, campaign: "Campaign") -> "Fit":
     """Return the kept fit of a name or number. Raises ConfigError where there is none."""
-    from cfid.errors import ConfigError
 
     stem = word.removesuffix(".json")
     fits = [fit for fit in campaign.fits() if fit.stem == stem or (word.isdecimal() and fit.number == int(word))]

@@ -1,14 +1,29 @@
 """`cfid parameters` and `cfid set`: list a campaign's parameters, and store parameters measured by hand."""
 
+import json
+import json as encoder
+import math
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.box import SIMPLE
+from rich.table import Column, Table
 
 from cfid.console.campaign import here, write_parameters
 from cfid.console.messages import echo, note
 from cfid.console.program import program
+from cfid.console.tables import print_parameters, print_table
+from cfid.errors import ConfigError
+from cfid.estimate.voltage_cubic import cubic_fault
+from cfid.quantities.plausible import implausible
+from cfid.quantities.registry import UNITS, Shape, find, unit_of
+from cfid.quantities.rounding import value_and_std
+from cfid.records.parameters import Parameter, plain
+from cfid.records.rig_file import change_rig
+from cfid.records.values import part_of
 
 if TYPE_CHECKING:
     from cfid.quantities.registry import Platform
@@ -58,8 +73,6 @@ def _named(sections: "Mapping[str, Section]", names: Sequence[str]) -> "dict[str
 
     Prints a note on each name that matches no parameter. Raises ConfigError where none of the names matches any.
     """
-    from cfid.errors import ConfigError
-    from cfid.records.values import part_of
 
     def has(key: str, name: str) -> bool:
         return name.casefold() in key.casefold()
@@ -78,16 +91,12 @@ def _named(sections: "Mapping[str, Section]", names: Sequence[str]) -> "dict[str
 
 def _print_candidates(values: "Values", key: str) -> None:
     """Print the kept fits that have or rejected a parameter. Raises ConfigError where there are none."""
-    from cfid.errors import ConfigError
-    from cfid.records.parameters import Parameter
 
     candidates = values.candidates(key)
     if not candidates:
         raise ConfigError(f"{key}: no kept fit has it; `cfid parameters` lists the campaign's parameters.")
     parameters = [each.fit.section.parameters.get(key, Parameter(value=None)) for each in candidates]
     if program().json:
-        import json as encoder
-
         rows = [
             {
                 "fit": each.fit.stem, "taken": each.taken, "why": each.why, "std_over_aim": each.over_aim,
@@ -98,11 +107,6 @@ def _print_candidates(values: "Values", key: str) -> None:
         ]  # fmt: skip
         echo(encoder.dumps({"command": "parameters", "key": key, "candidates": rows}, indent=2, allow_nan=False))
         return
-    from rich.box import SIMPLE
-    from rich.table import Column, Table
-
-    from cfid.console.tables import print_table
-    from cfid.quantities.rounding import value_and_std
 
     table = Table(
         Column("fit", overflow="fold"), "value", "std", "over aim", "taken", "why", box=SIMPLE, pad_edge=False
@@ -140,7 +144,6 @@ def set_by_hand(
 
     Example: [bold]cfid set mass_kg 0.0280:0.0001[/bold]
     """
-    from cfid.errors import ConfigError
 
     if name == _CUBIC:
         _store_cubic(here(), _numbers(value, name))
@@ -157,7 +160,6 @@ def set_by_hand(
 
 
 def _number(word: str, name: str) -> float:
-    from cfid.errors import ConfigError
 
     try:
         return float(word)
@@ -170,8 +172,6 @@ def _numbers(words: str, name: str) -> list[float]:
 
 
 def _store_cubic(campaign: "Campaign", lowest_first: list[float]) -> None:
-    from cfid.errors import ConfigError
-    from cfid.estimate.voltage_cubic import cubic_fault
 
     most = campaign.values().find(_MOST)
     most_n = None if most is None else most.parameter.value
@@ -182,11 +182,6 @@ def _store_cubic(campaign: "Campaign", lowest_first: list[float]) -> None:
 
 
 def _check(name: str, value: float, std: float | None, *, platform: "Platform") -> None:
-    import math
-
-    from cfid.errors import ConfigError
-    from cfid.quantities.plausible import implausible
-    from cfid.quantities.registry import Shape, find
 
     row = find(name)
     is_single = row is not None and row.shape is Shape.NUMBER and not row.of_the_run
@@ -200,7 +195,6 @@ def _check(name: str, value: float, std: float | None, *, platform: "Platform") 
 
 
 def _into_rig(campaign: "Campaign", name: str, value: float, std: float | None) -> str:
-    from cfid.records.rig_file import change_rig
 
     table, key, std_key = _IN_RIG[name]
     path = change_rig(campaign.folder, table, {key: value} | ({} if std is None else {std_key: std}))
@@ -210,9 +204,6 @@ def _into_rig(campaign: "Campaign", name: str, value: float, std: float | None) 
 
 
 def _into_parameters(campaign: "Campaign", name: str, value: float | list[float], std: float | None) -> str:
-    from cfid.errors import ConfigError
-    from cfid.quantities.registry import UNITS, unit_of
-    from cfid.records.parameters import Parameter
 
     unit = unit_of(name)
     if not unit:
@@ -224,10 +215,6 @@ def _into_parameters(campaign: "Campaign", name: str, value: float | list[float]
 
 
 def _print_json(sections: "dict[str, Section]", outdated: "Mapping[str, Sequence[str]]") -> None:
-    import json
-    from dataclasses import asdict
-
-    from cfid.records.parameters import plain
 
     content = {
         "command": "parameters",
@@ -249,7 +236,6 @@ def _print_json(sections: "dict[str, Section]", outdated: "Mapping[str, Sequence
 
 
 def _print_tables(sections: "dict[str, Section]", outdated: "Mapping[str, Sequence[str]]") -> None:
-    from cfid.console.tables import print_parameters
 
     if not sections:
         echo("no parameters yet: `cfid fit --help` lists the fits, `cfid set` stores a value.")

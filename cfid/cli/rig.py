@@ -1,5 +1,6 @@
 """`cfid rig check` and `cfid rig sim`: check the devices, or simulate them."""
 
+import json as encoder
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -11,6 +12,13 @@ import typer
 from cfid.console.messages import echo, fitted, in_options, note
 from cfid.console.options import positive
 from cfid.console.program import program
+from cfid.console.recording import rig_of
+from cfid.console.signals import judged, look
+from cfid.errors import DeviceError
+from cfid.rig.check import DeviceAnswer, check_encoder, check_lines, check_loadcell, check_vehicle
+from cfid.rig.encoder import ready_encoder
+from cfid.rig.loadcell import ready_loadcell
+from cfid.rig.ready_vehicle import connect_vehicle
 
 if TYPE_CHECKING:
     from cfid.console.recording import Rig
@@ -40,8 +48,6 @@ def check(
 
     Example: [bold]cfid rig check --signals[/bold]
     """
-    from cfid.console.recording import rig_of
-    from cfid.rig.check import check_encoder, check_lines, check_loadcell, check_vehicle
 
     rig = rig_of(or_real=True)
     devices, stated, hardware = rig.devices, rig.campaign.rig, rig.hardware
@@ -60,12 +66,6 @@ def check(
 
 def _judged_signals(rig: "Rig", identified: "Mapping[str, Sequence[DeviceAnswer]]", *, for_s: float) -> "Answers":
     """Sample the devices that answered, and judge their signals; a device that fails has a fault in its place."""
-    from cfid.console.signals import judged, look
-    from cfid.errors import DeviceError
-    from cfid.rig.check import DeviceAnswer
-    from cfid.rig.encoder import ready_encoder
-    from cfid.rig.loadcell import ready_loadcell
-    from cfid.rig.ready_vehicle import connect_vehicle
 
     devices, stated, hardware = rig.devices, rig.campaign.rig, rig.hardware
     counts_per_turn = stated.encoder.counts_per_turn
@@ -91,11 +91,8 @@ def _judged_signals(rig: "Rig", identified: "Mapping[str, Sequence[DeviceAnswer]
 
 def report_answers(command: str, answers: "Mapping[str, Sequence[DeviceAnswer]]", *, simulated: bool) -> None:
     """Print the answers of the devices. Raises DeviceError, which names the devices with a fault."""
-    from cfid.errors import DeviceError
 
     if program().json:
-        import json as encoder
-
         content = {name: [answer._asdict() for answer in own] for name, own in answers.items()}
         echo(encoder.dumps({"command": command, "simulated": simulated, "devices": content}, indent=2))
     else:

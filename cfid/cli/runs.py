@@ -1,18 +1,27 @@
 """`cfid runs`: list a campaign's runs, exclude them from fits, and write notes."""
 
+import json as encoder
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from textwrap import shorten
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich.box import SIMPLE
+from rich.table import Table
+from rich.text import Text
 
 from cfid.console.campaign import here
 from cfid.console.messages import echo, printable
 from cfid.console.messages import note as print_note
 from cfid.console.program import program
 from cfid.console.selection import name_other_folders, note_left_out, readable_runs
+from cfid.console.tables import print_table
+from cfid.errors import ConfigError, DataError
 from cfid.records.choose import choose_one, is_glob, is_last, is_named, lasts
+from cfid.records.files import RUN_FILE
+from cfid.records.lab_book import check
+from cfid.records.run import Run, amend_run, list_runs, read_run
 
 if TYPE_CHECKING:
     from rich.text import Text
@@ -34,7 +43,6 @@ def show_runs(
 
     Example: [bold]cfid runs[/bold]
     """
-    from cfid.records.run import list_runs
 
     if context.invoked_subcommand is None:
         folder = here().runs_folder
@@ -73,15 +81,12 @@ def note(
 
     Example: [bold]cfid runs note last battery=B4[/bold]
     """
-    from cfid.records.lab_book import check
 
     check(text)
     _amend(run, note=text, message=f"note added: {text}" if text else "has no note any more")
 
 
 def _amend(word: str, *, message: str, excluded: str | None = None, note: str | None = None) -> None:
-    from cfid.errors import ConfigError
-    from cfid.records.run import amend_run
 
     for run in _meant(word):
         if run.grows:
@@ -98,9 +103,6 @@ def _meant(word: str) -> "list[Run]":
 
     Raises ConfigError when no run matches, and DataError for an unreadable run.
     """
-    from cfid.errors import ConfigError, DataError
-    from cfid.records.files import RUN_FILE
-    from cfid.records.run import Run, list_runs, read_run
 
     runs_folder = Path() if (Path(word) / RUN_FILE).is_file() else here().runs_folder
     if (runs_folder / word / RUN_FILE).is_file():
@@ -120,23 +122,16 @@ def _meant(word: str) -> "list[Run]":
 
 
 def _print_runs(runs: "list[Run | DataError]") -> None:
-    from cfid.errors import DataError
 
     rows = [(_row(run), run) for run in runs if not isinstance(run, DataError)]
     words = lasts([run for _, run in rows])
     broken = [str(run) for run in runs if isinstance(run, DataError)]
     if program().json:
-        import json as encoder
-
         echo(encoder.dumps({"command": "runs", "runs": [row for row, _ in rows], "warnings": broken}, indent=2))
         return
     if not rows and not broken:
         echo("no runs yet")
         return
-    from rich.box import SIMPLE
-    from rich.table import Table
-
-    from cfid.console.tables import print_table
 
     # A run's name is never shortened, since other commands take it as an argument.
     table = Table(box=SIMPLE, pad_edge=False)
@@ -156,7 +151,6 @@ def _cells(row: Mapping[str, Any], run: "Run", words: "Sequence[str]") -> "list[
 
     `words` are those that mean the run, such as `last`; they begin its note.
     """
-    from rich.text import Text
 
     note = "; ".join(filter(None, [", ".join(words), _note(run, whole=False)]))
     cells = (row["run"], run.outcome, row["rows"], row["lost"], note)

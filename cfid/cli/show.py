@@ -10,7 +10,10 @@ from cfid.console.options import Figures, Force, Geometry, Out
 from cfid.console.outcome import Delivery, deliver
 from cfid.console.program import program
 from cfid.console.views import View, views_of
+from cfid.errors import ConfigError
+from cfid.findings import warning
 from cfid.records.result import Result
+from cfid.records.run import run_holding
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -36,7 +39,6 @@ def show_run(
 
     Example: [bold]cfid show runs/2026-11-21_083012_swing_x --terminal[/bold]
     """
-    from cfid.errors import ConfigError
 
     if terminal and program().json:
         raise ConfigError("--terminal and --json both write to the terminal: give one of them.")
@@ -49,7 +51,6 @@ def show_run(
 
 
 def _outcome(views: "Sequence[View]", faults: tuple[str, ...], *, draws: bool) -> Result:
-    from cfid.findings import warning
 
     def drawings() -> "dict[str, Figure]":
         return {view.figure_name: view.draw() for view in views if view.drawn}
@@ -72,7 +73,6 @@ def _outcome(views: "Sequence[View]", faults: tuple[str, ...], *, draws: bool) -
 
 def _verdict(path: "Path") -> list[str]:
     """Return the reason why a run is not usable, from its verdict; nothing for any other recording."""
-    from cfid.records.run import run_holding
 
     run = run_holding(path)
     verdict = None if run is None else run.header.verdict

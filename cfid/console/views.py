@@ -8,8 +8,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from cfid.console.inputs import Workplace, counts_of_rig, find_recording
+from cfid.drawing.recordings import device_figure, recording_figure, wrench_figure
 from cfid.errors import DataError
+from cfid.estimate.signals import block_means
+from cfid.findings import texts
+from cfid.large import differences, some_steps
 from cfid.quantities.registry import unit_of
+from cfid.recordings.angle import angle_of
+from cfid.recordings.crazyflie import si_unit
+from cfid.recordings.read import description, kind_of, read_recording
+from cfid.recordings.recording import ENCODER, Column
+from cfid.recordings.stand import stand_of
+from cfid.recordings.vehicle import SUPERVISOR
+from cfid.recordings.wrench import AXES, LOADCELL, wrench_of
 from cfid.records.parameters import Parameter, Source
 from cfid.wire.supervisor import VehicleState
 
@@ -64,10 +75,6 @@ def views_of(word: str, workplace: Workplace) -> tuple[list[View], tuple[str, ..
     A file outside a run is identified by its columns. Raises DataError when nothing can be read, and ConfigError for a
     file that needs an option of `cfid import`.
     """
-    from cfid.recordings.angle import angle_of
-    from cfid.recordings.read import kind_of, read_recording
-    from cfid.recordings.recording import ENCODER
-    from cfid.recordings.wrench import LOADCELL, wrench_of
 
     recording = read_recording(find_recording(word, workplace))
     of_rig = counts_of_rig(recording, workplace)
@@ -100,10 +107,7 @@ def views_of(word: str, workplace: Workplace) -> tuple[list[View], tuple[str, ..
 def _angle_view(device: str, record: "AngleRecord") -> View:
     import numpy as np
 
-    from cfid.findings import texts
-
     def draw() -> "Figure":
-        from cfid.drawing.recordings import recording_figure
 
         return recording_figure(record, title=record.name)
 
@@ -122,11 +126,8 @@ def _angle_view(device: str, record: "AngleRecord") -> View:
 
 
 def _wrench_view(device: str, record: "WrenchRecord") -> View:
-    from cfid.estimate.signals import block_means
-    from cfid.findings import texts
 
     def draw() -> "Figure":
-        from cfid.drawing.recordings import wrench_figure
 
         return wrench_figure(record, title=record.name)
 
@@ -148,7 +149,6 @@ def _wrench_view(device: str, record: "WrenchRecord") -> View:
 
 def _means(record: "WrenchRecord") -> dict[str, Parameter]:
     """Return means and scatter of forces and torques: as vectors, or axis by axis for a load cell with fewer axes."""
-    from cfid.recordings.wrench import AXES
 
     if record.axes == AXES:
         return {
@@ -166,8 +166,6 @@ def _means(record: "WrenchRecord") -> dict[str, Parameter]:
 
 
 def _device_view(recording: "Recording", device: str) -> View:
-    from cfid.findings import texts
-    from cfid.recordings.vehicle import SUPERVISOR
 
     series = recording.series.get(device)
     if series is None:
@@ -189,8 +187,6 @@ def _device_view(recording: "Recording", device: str) -> View:
 
 def _log_views(recording: "Recording") -> list[View]:
     """Return a view of every series of a log."""
-    from cfid.findings import texts
-    from cfid.recordings.read import description
 
     several = list(recording.series.values())
     most = sorted(several, key=lambda one: (not any(column.unit for column in one.columns), -one.rows))[:_MOST_FIGURES]
@@ -221,10 +217,6 @@ def _log_views(recording: "Recording") -> list[View]:
 def _stand_view(recording: "Recording") -> View:
     """Return the view of a thrust stand's table in SI units."""
     import numpy as np
-
-    from cfid.findings import texts
-    from cfid.recordings.recording import Column
-    from cfid.recordings.stand import stand_of
 
     table = stand_of(recording)
     values = {"cmd": table.command, "thrust_n": table.thrust_n, "torque_nm": table.torque_nm, "vbat_v": table.vbat_v}
@@ -265,7 +257,6 @@ def _series_view(series: "Series", *, title: str, notes: tuple[str, ...]) -> Vie
     first = next((one.name for one in series.columns if one.unit), next(iter(columns)))
 
     def draw() -> "Figure":
-        from cfid.drawing.recordings import device_figure
 
         drawn = {name: values[::step] for name, values in columns.items()}
         axis = "row" if series.time_s is None else "time (s)"
@@ -302,8 +293,6 @@ def _range_of(column: "Column") -> Parameter:
     """Return the lowest and the highest number of a column, in its SI unit where its unit is known."""
     import numpy as np
 
-    from cfid.recordings.crazyflie import si_unit
-
     known = column.values[np.isfinite(column.values)]
     unit, factor = si_unit(column)
     both = [factor * float(known.min()), factor * float(known.max())] if len(known) else [np.nan, np.nan]
@@ -319,8 +308,6 @@ def _sampling_of(series: "Series") -> dict[str, Parameter]:
 def _sampling(time_s: "Array") -> dict[str, Parameter]:
     """Return the number of samples at times (n,) since the first, their duration and their intervals."""
     import numpy as np
-
-    from cfid.large import differences, some_steps
 
     if len(time_s) < 2:
         return {"samples": Parameter(value=len(time_s), unit="1")}

@@ -1,5 +1,6 @@
 """`cfid export`: export a campaign's parameters to the files of firmware and simulators."""
 
+import json as encoder
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,6 +11,10 @@ from cfid.console.campaign import here, note_earlier_parameters, note_unreadable
 from cfid.console.messages import echo, headline, in_options, note
 from cfid.console.program import program
 from cfid.errors import ConfigError, DataError
+from cfid.export.render import rendered
+from cfid.export.samples import EVERYTHING, LISTS, counts_text, draw
+from cfid.export.target import FOLDER, given_by, need_keys, need_text, refuse, target_named, targets, warnings
+from cfid.export.vehicle import collect
 from cfid.records.files import refuse_kept, write_whole
 from cfid.version import __version__
 
@@ -60,8 +65,6 @@ def export(
 
     Example: [bold]cfid export crazyflow[/bold]
     """
-    from cfid.export.render import rendered
-    from cfid.export.target import FOLDER, need_text, refuse, target_named, warnings
 
     opened = here()
     vehicle, values = _collected(opened)
@@ -93,7 +96,6 @@ def export(
 
 def _collected(campaign: "Campaign") -> "tuple[ExportVehicle, Values]":
     """Return a campaign's vehicle and values. Raises DataError if a kept fit cannot be read."""
-    from cfid.export.vehicle import collect
 
     note_earlier_parameters(campaign)
     if note_unreadable_fits(campaign):
@@ -124,8 +126,6 @@ def _write(contents: Mapping[Path, bytes], *, force: bool) -> None:
 def _write_samples(
     vehicle: "ExportVehicle", values: "Values", folder: Path, *, count: int, seed: int, force: bool
 ) -> None:
-    from cfid.export.samples import EVERYTHING, LISTS, counts_text, draw
-    from cfid.export.target import need_text, refuse, target_named, warnings
 
     refuse(EVERYTHING, vehicle, values, force=force)
     samples = draw(vehicle, values, count=count, seed=seed)
@@ -150,12 +150,9 @@ def _write_samples(
 
 
 def _print_list(campaign: "Campaign", vehicle: "ExportVehicle", *, json: bool) -> None:
-    from cfid.export.target import targets
 
     rows = [_row(target, vehicle) for target in targets(campaign.folder).values()]
     if json:
-        import json as encoder
-
         echo(encoder.dumps({"command": "export list", "targets": rows, "version": __version__}, indent=2))
         return
     for row in rows:
@@ -172,7 +169,6 @@ def _print_keys(title: str, words: list[str]) -> None:
 
 
 def _row(target: "Target", vehicle: "ExportVehicle") -> dict[str, Any]:
-    from cfid.export.target import given_by, need_keys
 
     def row_of(need: str) -> dict[str, Any]:
         return {"keys": need_keys(need), "known": bool(vehicle.met(need)), "given_by": given_by(need)}

@@ -17,6 +17,8 @@ from cfid.console.program import program
 from cfid.console.tables import print_table
 from cfid.counted import counted
 from cfid.errors import CfidError, ConfigError, DataError
+from cfid.fleet.campaigns import campaign_folders, workers
+from cfid.fleet.comparison import compare, distinct, summarise
 from cfid.quantities.rounding import value_and_std
 from cfid.records.files import refuse_kept, write_new
 
@@ -64,8 +66,6 @@ def fleet(
 
     Example: [bold]cfid fleet vehicle-1 vehicle-2 vehicle-3[/bold]
     """
-    from cfid.fleet.campaigns import campaign_folders, workers
-    from cfid.fleet.comparison import compare, distinct, summarise
 
     if out is not None and out.suffix not in _SUFFIXES:
         raise ConfigError(f"{out}: should end in {', '.join(_SUFFIXES)}.")

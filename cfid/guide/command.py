@@ -1,17 +1,24 @@
 """`cfid status` and `cfid next`: the state of a campaign, and its next step."""
 
+import json
 import os
 import shlex
 import sys
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
+from rich.box import SIMPLE
+from rich.table import Table
 
-from cfid.console.campaign import here
+from cfid.console.campaign import here, note_unreadable_fits
 from cfid.console.messages import echo, fitted, note, printable, typed_line
 from cfid.console.processes import cfid_command
 from cfid.console.program import program
+from cfid.console.tables import print_table
 from cfid.errors import ConfigError
+from cfid.guide.certainty import percent
+from cfid.guide.status import status_of
+from cfid.rig.hardware import present
 
 if TYPE_CHECKING:
     from cfid.guide.plan import Assignment
@@ -54,7 +61,6 @@ def next_step(*, kind: Kind = None) -> None:
 
 def _prepared(recording: "Assignment", campaign: "Campaign") -> tuple[str, ...]:
     """Print what to do at the rig; return the command's words, completed with the operator's answers."""
-    from cfid.rig.hardware import present
 
     echo(fitted(printable(recording.reminder)))
     if present().devices(campaign.folder, campaign.rig)[1] and (set_up := _simulated(recording)):
@@ -89,8 +95,6 @@ def _typed(question: str) -> str:
 
 def _status(campaign: "Campaign", kind: "CampaignKind | None") -> "Status":
     """Return the state of a campaign; print a note on each run that cannot be read."""
-    from cfid.console.campaign import note_unreadable_fits
-    from cfid.guide.status import status_of
 
     note_unreadable_fits(campaign)
     found = status_of(campaign, kind=kind)
@@ -106,11 +110,6 @@ def _run_instead(words: tuple[str, ...], campaign: "Campaign") -> None:
 
 
 def _print(found: "Status") -> None:
-    from rich.box import SIMPLE
-    from rich.table import Table
-
-    from cfid.console.tables import print_table
-    from cfid.guide.certainty import percent
 
     table = Table(box=SIMPLE, pad_edge=False)
     for heading in ("fit", "runs", "state", "how sure", "what for"):
@@ -130,7 +129,6 @@ def _print(found: "Status") -> None:
 
 
 def _print_json(found: "Status") -> None:
-    import json
 
     content = {
         "command": "status",

@@ -1,5 +1,6 @@
 """`cfid report`: write a campaign's results to one file."""
 
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Literal, get_args
 
@@ -7,7 +8,11 @@ import typer
 
 from cfid.console.campaign import here
 from cfid.console.messages import echo, note
+from cfid.errors import ConfigError
 from cfid.guide.command import Kind
+from cfid.report.build import build
+from cfid.report.render import rendered
+from cfid.report.sealed import write_report
 
 Format = Literal["html", "md", "json", "tex"]
 
@@ -31,12 +36,6 @@ def report(
 
     Example: [bold]cfid report --format tex[/bold]
     """
-    from datetime import UTC, datetime
-
-    from cfid.errors import ConfigError
-    from cfid.report.build import build
-    from cfid.report.render import rendered
-    from cfid.report.sealed import write_report
 
     found = here()
     formats: dict[str, Format] = {"": "html", **{f".{one}": one for one in get_args(Format)}}
