@@ -5,6 +5,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from cfid.console.lists import comma_list, measured
+from cfid.errors import ConfigError
+from cfid.records.lab_book import check
+from cfid.records.run import Label
 
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
@@ -15,7 +18,6 @@ LABEL = "What is recorded"
 
 def _checked(note: str | None) -> str | None:
     """Return the note, checked for a run that will be recorded. Raises ConfigError as `cfid runs note` does."""
-    from cfid.records.lab_book import check
 
     check(note or "")
     return note
@@ -68,8 +70,6 @@ def label_of(
 
     Raises ConfigError.
     """
-    from cfid.errors import ConfigError
-    from cfid.records.run import Label
 
     body = body or ("crazyflie" if axis else None)
     if axis and weight:
@@ -90,7 +90,6 @@ def with_load(label: "Label", pull: str | None, at_mm: str | None) -> "Label":
 
     Raises ConfigError for a place or a weight that lacks a required option.
     """
-    from cfid.errors import ConfigError
 
     if pull is None and (at_mm or label.weight_g):
         raise ConfigError("a weight needs --pull: the axis of the load cell along which gravity points.")

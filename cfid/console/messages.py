@@ -19,7 +19,13 @@ _PATIENCE_S = 10.0
 _HEAD = len("note: ")  # as long as `cfid: `, so that later lines are aligned with the text
 _SETTING = re.compile(r"`([a-z]\w*)`")
 # Every other option is its setting's name with hyphens.
-_RENAMED = {"arm_m": "--arm-mm", "folder": "--campaign", "from_s": "--from", "to_s": "--to"}
+_RENAMED = {
+    "arm_m": "--arm-mm",
+    "counts_per_nm": "--counts-per-n",
+    "folder": "--campaign",
+    "from_s": "--from",
+    "to_s": "--to",
+}
 
 
 def in_options(text: str) -> str:

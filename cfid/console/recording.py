@@ -15,6 +15,11 @@ from cfid.console.program import program
 from cfid.console.verdicts import Judge, judged
 from cfid.errors import CfidError, ConfigError, DataError
 from cfid.records.choose import LAST
+from cfid.records.files import RUN_FILE
+from cfid.records.run import read_run
+from cfid.rig.hardware import present
+from cfid.rig.run import record_run
+from cfid.rig.sim_file import SIM_FILE, is_left_behind
 
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
@@ -63,8 +68,6 @@ def rig_of(*, or_real: bool = False) -> Rig:
     Raises ConfigError where the simulated rig was killed, so that a command meant for it starts no real motor. With
     `or_real`, the devices are then those of rig.toml, and a note is printed.
     """
-    from cfid.rig.hardware import present
-    from cfid.rig.sim_file import SIM_FILE, is_left_behind
 
     campaign, hardware = here(), present()
     devices, simulated = hardware.devices(campaign.folder, campaign.rig)
@@ -151,8 +154,6 @@ def attempt(
     plan: "Plan", instruments: "Sequence[Instrument]", hardware: "Hardware", live: LiveLine
 ) -> "tuple[Run | None, CfidError | None]":
     """Record a run; return the run, or None where run.toml does not state how it ended, and the error that ended it."""
-    from cfid.records.files import RUN_FILE
-    from cfid.rig.run import record_run
 
     folders: list[Path] = []
     stops_s: list[float] = []
@@ -179,7 +180,6 @@ def attempt(
 
 def _closed(folder: Path) -> "Run | None":
     """Return a run that was closed, or None where its run.toml could not be written or is missing."""
-    from cfid.records.run import read_run
 
     try:
         run = read_run(folder)

@@ -7,6 +7,12 @@ import typer
 
 from cfid.console.campaign import make_campaign
 from cfid.console.messages import echo, result
+from cfid.demo.fits import HANDED_ON, Commands, print_comparison
+from cfid.demo.recordings import Laboratory, experiments
+from cfid.demo.truth import demo_truth, true_values
+from cfid.errors import ConfigError
+from cfid.records.campaign import open_campaign
+from cfid.sim.truth import load_truth
 
 
 def demo(
@@ -25,12 +31,6 @@ def demo(
 
     Example: [bold]cfid demo my-demo --seed 7[/bold]
     """
-    from cfid.demo.fits import HANDED_ON, Commands, print_comparison
-    from cfid.demo.recordings import Laboratory, experiments
-    from cfid.demo.truth import demo_truth, true_values
-    from cfid.errors import ConfigError
-    from cfid.records.campaign import open_campaign
-    from cfid.sim.truth import load_truth
 
     if folder.is_dir() and any(folder.iterdir()):
         raise ConfigError(f"{folder} is not empty: delete it, or give another folder.")

@@ -20,10 +20,27 @@ from cfid.console.recording import Resume, ResumedRun, rig_of, run_to_resume
 from cfid.console.selection import chosen, interrupted
 from cfid.console.vehicle import CellRateHz, NoPreflight, Uri
 from cfid.counted import counted
+from cfid.drag.plan import (
+    FASTEST_MPS,
+    HIGHEST_DEG,
+    KIND,
+    WHOLE,
+    WindSetting,
+    missing_lines,
+    missing_runs,
+    recorded,
+    setting_of,
+    wind_runs,
+)
 from cfid.errors import ConfigError
 from cfid.lazy import later
 from cfid.motors.command import announce
+from cfid.motors.plan import LONGEST_STEP_S, StaircasePlan, missing
+from cfid.motors.record import StaircaseRecording, record_forces
+from cfid.recordings.vehicle import READINGS
 from cfid.records.choose import labelled
+from cfid.records.run import read_run
+from cfid.units import FULL_COMMAND, MOTORS
 
 if TYPE_CHECKING:
     from cfid.drag.plan import PlannedRun, WindSetting
@@ -102,10 +119,6 @@ def wind(
 
     Example: [bold]cfid log wind --angle 48.4 --fan-voltage 8 --wind 2.0,3.7[/bold]
     """
-    from cfid.drag.plan import KIND, missing_lines, setting_of
-    from cfid.motors.plan import missing
-    from cfid.motors.record import StaircaseRecording, record_forces
-    from cfid.records.run import read_run
 
     rig, word = rig_of(), run_to_resume(run, resume=resume)
     campaign, simulated = rig.campaign, rig.simulated
@@ -146,7 +159,6 @@ def wind_setting(
     wind: str | None, angle: float | None, fan_voltage: float | None, azimuth_deg: float | None
 ) -> "WindSetting":
     """Return the wind setting. Raises ConfigError for one that is incomplete or impossible."""
-    from cfid.drag.plan import HIGHEST_DEG, WindSetting
 
     if wind is None:
         raise ConfigError("give --wind MIN,MAX, the lowest and highest wind around the vehicle; 0 for references.")
@@ -164,8 +176,6 @@ def wind_setting(
 
 def wind_staircase(commands: str, hold: float = _HOLD_S, rest: float = _REST_S) -> "StaircasePlan":
     """Return the commands as a staircase of all motors. Raises ConfigError for impossible ones."""
-    from cfid.motors.plan import LONGEST_STEP_S, StaircasePlan
-    from cfid.units import FULL_COMMAND, MOTORS
 
     steps = comma_list(commands, "--commands", int, least=0, most=FULL_COMMAND, example="0,10000")
     if not any(steps):
@@ -179,7 +189,6 @@ def wind_staircase(commands: str, hold: float = _HOLD_S, rest: float = _REST_S) 
 
 
 def _speeds(text: str) -> tuple[float, float]:
-    from cfid.drag.plan import FASTEST_MPS
 
     example = "2.0,3.7, or 0 for references"
     low, *others = comma_list(text, "--wind", float, least=0, most=FASTEST_MPS, example=example)
@@ -191,14 +200,11 @@ def _speeds(text: str) -> tuple[float, float]:
 
 def _tachometer_of(resume: Path | None) -> str:
     """Return whether readings were typed in the run to resume; `typed` for a new run."""
-    from cfid.recordings.vehicle import READINGS
-    from cfid.records.run import read_run
 
     return "typed" if resume is None or READINGS in read_run(resume).header.devices else "none"
 
 
 def _announce(setting: "WindSetting", staircase: "StaircasePlan", done: "Sequence[PlannedRun]", *, asks: bool) -> None:
-    from cfid.drag.plan import missing_lines
 
     echo(setting.sentence)
     announce(staircase)
@@ -210,7 +216,6 @@ def _announce(setting: "WindSetting", staircase: "StaircasePlan", done: "Sequenc
 
 def _missing(done: "Sequence[PlannedRun]") -> tuple[Mapping[str, Any], Sequence[str]]:
     """Return the thesis' runs that the campaign lacks, as for --json, and lines on incomplete wind settings."""
-    from cfid.drag.plan import WHOLE, missing_lines, missing_runs
 
     left = {"value": len(missing_runs(done)), "std": None, "unit": "1"}
     lines = missing_lines(done)
@@ -222,7 +227,6 @@ def _missing(done: "Sequence[PlannedRun]") -> tuple[Mapping[str, Any], Sequence[
 
 
 def _recorded(campaign: "Campaign", *, simulated: bool) -> "list[PlannedRun]":
-    from cfid.drag.plan import recorded, wind_runs
 
     return recorded(wind_runs(campaign, simulated=simulated))
 

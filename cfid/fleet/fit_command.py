@@ -17,7 +17,10 @@ from cfid.console.program import program
 from cfid.console.tables import print_table
 from cfid.counted import counted
 from cfid.errors import CfidError, DataError, FitError
+from cfid.fleet.campaigns import campaign_folders
 from cfid.fleet.command import Index, Jobs, Scheduler
+from cfid.fleet.recipes import changes_of
+from cfid.fleet.refit import refits, refitted
 
 _MOVED = 0.1  # standard uncertainties, from which on a number counts as moved
 
@@ -44,9 +47,6 @@ def fleet_fit(
 
     Example: [bold]cfid fleet fit vehicles/* --out refitted --set peaks=12[/bold]
     """
-    from cfid.fleet.campaigns import campaign_folders
-    from cfid.fleet.recipes import changes_of
-    from cfid.fleet.refit import refits, refitted
 
     campaigns, faults = campaign_folders(folders or [], index)
     campaigns = [folder for folder in campaigns if folder != os.path.realpath(out)]  # a glob may match it too

@@ -217,7 +217,7 @@ def _moment_findings(fit: FlightFit, body: Body, flown: FlownLog) -> list[Findin
     for place, motion in enumerate(turnings(fit)):
         axis = motion.name
         if lever_m(axis, body) is None:
-            what = "the torque of a rotor over its thrust (`torque_m`)" if axis == "yaw" else "the arm (`arm_mm`)"
+            what = "the torque over the thrust (`cfid fit torque`)" if axis == "yaw" else "the arm (`arm_mm`)"
             findings.append(note("flight-lever-unknown", f"no moment about {axis}: it needs {what}."))
             continue
         gain, std, fed_back = (float(values[place]) for values in (fit.values[TURNS], fit.std[TURNS], fit.feedback))

@@ -13,6 +13,10 @@ from cfid.console.vehicle import CellRateHz, Motor, NoPreflight, Uri, motors_of
 from cfid.counted import counted
 from cfid.errors import ConfigError
 from cfid.lazy import later
+from cfid.motors.plan import LONGEST_STEP_S, StaircasePlan, missing
+from cfid.motors.record import StaircaseRecording, record_forces, record_scales, record_speed
+from cfid.recordings.vehicle import SCALES
+from cfid.records.run import read_run
 from cfid.units import FULL_COMMAND
 
 if TYPE_CHECKING:
@@ -38,7 +42,6 @@ def staircase_of(
     motors: tuple[int, ...], first: int, last: int, step: int, *, down: bool, hold_s: float, rest_s: float
 ) -> "StaircasePlan":
     """Return a staircase of commands. Raises ConfigError for one without steps, and for impossible times."""
-    from cfid.motors.plan import LONGEST_STEP_S, StaircasePlan
 
     steps = tuple(range(first, last + 1, step))
     if not steps:
@@ -74,7 +77,6 @@ def thrust(
 
     Example: [bold]cfid log thrust --from 0 --to 64000 --step 2000 --motor 1,3[/bold]
     """
-    from cfid.motors.record import StaircaseRecording, record_forces
 
     rig, word = rig_of(), run_to_resume(run, resume=resume)
     wanted = staircase_of(motors_of(motor, (1, 3)), first, last, step, down=down, hold_s=hold, rest_s=rest)
@@ -122,7 +124,6 @@ def speed(
 
     Example: [bold]cfid log speed --motor 1[/bold]
     """
-    from cfid.motors.record import StaircaseRecording, record_speed
 
     rig, word = rig_of(), run_to_resume(run, resume=resume)
     tachometer = tachometer or _tachometer_of(word, rig.campaign)
@@ -172,7 +173,6 @@ def scales(
 
     Example: [bold]cfid log scales --motor 1,3[/bold]
     """
-    from cfid.motors.record import StaircaseRecording, record_scales
 
     rig, word = rig_of(), run_to_resume(run, resume=resume)
     wanted = staircase_of(motors_of(motor, (1, 3)), first, last, step, down=down, hold_s=hold, rest_s=rest)
@@ -206,7 +206,6 @@ def announce(staircase: "StaircasePlan") -> None:
 
 def _tachometer_of(word: Path | None, campaign: "Campaign") -> Tachometer:
     """Return the instrument of the run to resume, or `typed` for a new run and where that run states none."""
-    from cfid.records.run import read_run
 
     if word is None:
         return "typed"
@@ -216,8 +215,6 @@ def _tachometer_of(word: Path | None, campaign: "Campaign") -> Tachometer:
 
 def _scales_of(word: Path | None, campaign: "Campaign") -> Mapping[str, Any]:
     """Return what the run.toml of the run to resume states about scales at a port; empty where it had none."""
-    from cfid.recordings.vehicle import SCALES
-    from cfid.records.run import read_run
 
     if word is None:
         return {}
@@ -229,6 +226,5 @@ def _remaining(kind: str, wanted: "StaircasePlan", word: Path | None, campaign: 
     """Return the staircase or, with --resume, the steps that the interrupted run still lacks."""
     if word is None:
         return wanted
-    from cfid.motors.plan import missing
 
     return missing(interrupted(word, campaign, kind=kind), kind=kind)

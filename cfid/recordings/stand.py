@@ -387,7 +387,7 @@ def _command(
         if 0 < largest <= _LEAST_FULL and not of_run:
             raise ConfigError(
                 f"{series.path}: no command above {largest:g} of {FULL_COMMAND} in '{column.head}': state its unit, by "
-                f"`unit` {column.name}=% (0 to 100), =fraction (0 to 1) or =us (pulse widths), or give `dshot`.",
+                f"`unit` {column.name}=% (0 to 100), =fraction (0 to 1) or =us (pulse widths), or give `esc_us` dshot.",
                 code="no-unit",
             )
     of_controller = pulses or dshot or re.match("esc|throttle", column.head.lower())

@@ -23,7 +23,13 @@ from cfid.console.verdicts import verdict_line
 from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
 from cfid.lazy import later
+from cfid.records.run import read_run
+from cfid.transfer.data import read_sines
+from cfid.transfer.model import TransferFunction
+from cfid.transfer.plan import THESIS_FIRST, THESIS_SECOND, SineSweep, above_cutoff, log_spaced, missing_sines
+from cfid.transfer.record import record_sines
 from cfid.units import FULL_COMMAND, MM
+from cfid.version import __version__
 from cfid.wire.app import MIDDLE, SAMPLES_PER_S
 
 if TYPE_CHECKING:
@@ -140,7 +146,6 @@ def _read(
     offset: float,
 ) -> "SineSet":
     """Read the index and the runs. Raises ConfigError and DataError."""
-    from cfid.transfer.data import read_sines
 
     arm = measured(arm_mm, "--arm-mm")
     return read_sines(
@@ -200,7 +205,6 @@ def _function(workplace: Workplace) -> tuple["TransferFunction", frozenset[str]]
 
     Raises ConfigError where there is none, DataError where it is incomplete.
     """
-    from cfid.transfer.model import TransferFunction
 
     if workplace.campaign is None:
         raise ConfigError("no campaign here that has a transfer function: run `cfid tf identify` in one first.")
@@ -255,14 +259,12 @@ class SineChoice:
         return sweep
 
     def _planned(self) -> "SineSweep":
-        from cfid.transfer.plan import THESIS_FIRST, THESIS_SECOND, log_spaced
 
         if self.plan == _USUAL_PLAN:
             return log_spaced(self.samples or _USUAL_N)
         return THESIS_FIRST if self.plan == "thesis-first" else THESIS_SECOND
 
     def _named(self) -> "SineSweep":
-        from cfid.transfer.plan import SineSweep
 
         assert self.periods is not None
         if self.plan != _USUAL_PLAN:
@@ -283,8 +285,6 @@ def seconds_of_each(sweep: "SineSweep") -> float:
 
 def _series_of(word: Path, campaign: "Campaign") -> "SineSweep":
     """Return the series of a run of `cfid log sine`. Raises ConfigError for a run of something else."""
-    from cfid.records.run import read_run
-    from cfid.transfer.plan import SineSweep
 
     run = read_run(interrupted(word, campaign, kind="sine"))
     if run.header.family != "sine":
@@ -341,9 +341,6 @@ def sine(
 
     Example: [bold]cfid log sine --periods 1,2,4,8,16,32 --samples 4000 --amplitude 20000 --motor 1[/bold]
     """
-    from cfid.transfer.plan import above_cutoff, missing_sines
-    from cfid.transfer.record import record_sines
-    from cfid.version import __version__
 
     choice = SineChoice(periods=periods, plan=plan, samples=samples, amplitude=amplitude, motor=motor, force=force)
     word = run_to_resume(run, resume=resume)

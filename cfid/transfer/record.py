@@ -170,7 +170,7 @@ def verdict(run: Run) -> str:
             "mN. Is it this motor's channel? A larger amplitude or a slower sine shows more."
         )
     left_out = (
-        f" Above the cut-off of {CUTOFF_HZ:g} Hz: `cfid tf identify` leaves it out unless `cutoff_hz` is raised."
+        f" Above the cut-off of {CUTOFF_HZ:g} Hz: `cfid tf identify` leaves it out."
         if played.sine.is_above(CUTOFF_HZ)
         else ""
     )

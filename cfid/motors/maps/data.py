@@ -153,7 +153,7 @@ def _evidence_in(
         return of_run(run, stand, rotors=rotors)
     if stand.window_s is not None or stand.flip_fz is not None:
         raise ConfigError(
-            f"`window` and `flip_fz` are for a load cell's recording, and {path} is a thrust stand's table."
+            f"a window and `flip_fz` are for a load cell's recording, and {path} is a thrust stand's table."
         )
     how = How(motors=stand.motors)
     return of_table(stand_of(read_stand(path, how), how, gravity_mps2=gravity_mps2), stand)
