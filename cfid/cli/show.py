@@ -61,6 +61,7 @@ def _outcome(views: "Sequence[View]", faults: tuple[str, ...], *, draws: bool) -
     ]  # the run and a device may share a note
     return Result(
         command="show",
+        prints_lines=True,
         method="",
         quantities=_parameters(views),
         findings=tuple(warning("recording", text) for text in dict.fromkeys((*notes, *faults))),

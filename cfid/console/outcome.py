@@ -74,17 +74,20 @@ def deliver(result: Result, delivery: Delivery, workplace: "Workplace", *, keep:
     except ConfigError as error:  # a full disk must not lose the computed numbers
         drawn, undrawn = (), error
     kept = result.accepted or delivery.force
-    in_force, remark = False, ""
+    in_force, remark, stem = False, "", ""
     if campaign is not None and undrawn is None and (given.quantities or not kept):
         write_parameters(campaign)
         with suppress(RejectedError):  # of a rejected fit, which is kept without numbers
             path = campaign.keep(result, figures=drawn, force=delivery.force, options=given_options())
-            in_force, remark = _standing(campaign, path.stem)
+            stem = path.stem
+            in_force, remark = _standing(campaign, stem)
     if program().json:
         echo(_as_json(given, accepted=result.accepted, in_force=in_force))
     else:
         rejections = texts(result.findings, "rejection") if kept else ()  # otherwise the error states them
         _print(given, drawn, _notes(result.findings, rejections, verbose=program().verbose))
+        if stem:
+            echo(f"{'accepted' if result.accepted else 'rejected'}, kept as {stem}. Next: cfid status")
     if not kept:
         raise _refusal(result, campaign)
     if remark:
@@ -116,9 +119,7 @@ def _standing(campaign: "Campaign", stem: str) -> tuple[bool, str]:
         return bool(taken), ""
     reason = next((each.why for each in values.candidates(others[0]) if each.fit is fit), "")
     what = others[0] if len(others) == 1 else f"{others[0]} and {len(others) - 1} more"
-    return bool(
-        taken
-    ), f"kept as {stem}, but {what} of the campaign stays as it was: {reason}. `cfid fits` lists all fits."
+    return bool(taken), f"{what} of the campaign stays as it was: {reason}. `cfid fits` lists all fits."
 
 
 def _refusal(result: Result, campaign: "Campaign | None") -> RejectedError:
@@ -180,7 +181,7 @@ def _draw(result: Result, delivery: Delivery) -> Sequence[Path]:
 def _print(result: Result, drawn: Sequence[Path], notes: Sequence[str]) -> None:
     if result.quantities:
         print_parameters(result.quantities, title=f"cfid {result.command}")
-    for line in result.summary():
+    for line in result.summary() if result.prints_lines or program().verbose else ():
         echo(fitted(in_options(printable(line))))
     for text in notes:
         note(printable(text))

@@ -46,8 +46,9 @@ class Result:
     section of a fit. `rests_on` names what the analysis takes from rig.toml, such as "vehicle.mass_kg" or
     "mounts.x", in addition to what recordings themselves state. `facts` are numbers that recordings state and that the
     quantities depend on, under rig.toml's keys; rig.toml should state the same. `suspects` are the mounts, or runs,
-    that a rejection names as wrong. `lines` are further lines for the terminal, which `summary` returns. `drawings`
-    makes the figures by file name, and `folder` is their folder; without one, they are drawn on request alone.
+    that a rejection names as wrong. `lines` are further lines, which `summary` returns and the terminal shows on
+    request, or always with `prints_lines`, where they are what the command is for. `drawings` makes the figures by file
+    name, and `folder` is their folder; without one, they are drawn on request alone.
     """
 
     command: str
@@ -64,6 +65,7 @@ class Result:
     facts: Mapping[str, float] = field(default_factory=dict)
     suspects: tuple[str, ...] = ()
     lines: tuple[str | Dependent, ...] = ()
+    prints_lines: bool = False
     drawings: Callable[[], Figures] | None = None
     folder: Path | None = None
 

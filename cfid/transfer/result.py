@@ -428,6 +428,7 @@ def verify(
         lines.append(Dependent(check.text, *own))
     return Result(
         command="tf verify",
+        prints_lines=True,
         section="tf verify",
         method="default",
         quantities=quantities,

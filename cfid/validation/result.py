@@ -116,6 +116,7 @@ def validate(flown: FlownLog, sets: Sequence[ParameterSet], *, used: Sequence[Me
 
     return Result(
         command="validate",
+        prints_lines=True,
         method="default",
         quantities={},
         findings=(

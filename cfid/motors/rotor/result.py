@@ -96,6 +96,7 @@ def fit(
 
     return Result(
         command="fit dynamics",
+        prints_lines=True,
         method="default",
         quantities={
             **quantities,

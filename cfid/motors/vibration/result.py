@@ -82,6 +82,7 @@ def fit(
     return Result(
         command="fit speed",
         section="rotor",
+        prints_lines=True,
         method="default",
         quantities=_quantities(windows),
         wanted=(KEY,),
