@@ -17,9 +17,6 @@ from cfid.errors import CfidError, ConfigError, DataError
 from cfid.records.choose import LAST
 from cfid.records.files import RUN_FILE
 from cfid.records.run import read_run
-from cfid.rig.hardware import present
-from cfid.rig.run import record_run
-from cfid.rig.sim_file import SIM_FILE, is_left_behind
 
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
@@ -68,6 +65,9 @@ def rig_of(*, or_real: bool = False) -> Rig:
     Raises ConfigError where the simulated rig was killed, so that a command meant for it starts no real motor. With
     `or_real`, the devices are then those of rig.toml, and a note is printed.
     """
+
+    from cfid.rig.hardware import present
+    from cfid.rig.sim_file import SIM_FILE, is_left_behind
 
     campaign, hardware = here(), present()
     devices, simulated = hardware.devices(campaign.folder, campaign.rig)
@@ -154,6 +154,8 @@ def attempt(
     plan: "Plan", instruments: "Sequence[Instrument]", hardware: "Hardware", live: LiveLine
 ) -> "tuple[Run | None, CfidError | None]":
     """Record a run; return the run, or None where run.toml does not state how it ended, and the error that ended it."""
+
+    from cfid.rig.run import record_run
 
     folders: list[Path] = []
     stops_s: list[float] = []

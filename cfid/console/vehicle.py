@@ -11,7 +11,6 @@ from cfid.console.messages import ask, note
 from cfid.console.program import program
 from cfid.console.recording import Rig, refuse_mixture
 from cfid.errors import ConfigError
-from cfid.rig.ready_vehicle import connect_vehicle
 
 if TYPE_CHECKING:
     from cfid.rig.ready_vehicle import ReadyVehicle
@@ -57,6 +56,8 @@ LOG_MS = 10  # between rows of the vehicle's log while motors turn
 
 def reach(uri: str | None, rig: Rig, held: ExitStack) -> "ReadyVehicle":
     """Connect to the chosen vehicle and note what the operator should know about it. Raises DeviceError."""
+
+    from cfid.rig.ready_vehicle import connect_vehicle
 
     setting = rig.devices.crazyflie
     if uri is not None:

@@ -36,7 +36,6 @@ from cfid.errors import ConfigError
 from cfid.lazy import later
 from cfid.motors.command import announce
 from cfid.motors.plan import LONGEST_STEP_S, StaircasePlan, missing
-from cfid.motors.record import StaircaseRecording, record_forces
 from cfid.recordings.vehicle import READINGS
 from cfid.records.choose import labelled
 from cfid.records.run import read_run
@@ -119,6 +118,7 @@ def wind(
 
     Example: [bold]cfid log wind --angle 48.4 --fan-voltage 8 --wind 2.0,3.7[/bold]
     """
+    from cfid.motors.record import StaircaseRecording, record_forces
 
     rig, word = rig_of(), run_to_resume(run, resume=resume)
     campaign, simulated = rig.campaign, rig.simulated

@@ -18,7 +18,6 @@ from cfid.console.tables import print_table
 from cfid.errors import ConfigError
 from cfid.guide.certainty import percent
 from cfid.guide.status import status_of
-from cfid.rig.hardware import present
 
 if TYPE_CHECKING:
     from cfid.guide.plan import Assignment
@@ -61,6 +60,7 @@ def next_step(*, kind: Kind = None) -> None:
 
 def _prepared(recording: "Assignment", campaign: "Campaign") -> tuple[str, ...]:
     """Print what to do at the rig; return the command's words, completed with the operator's answers."""
+    from cfid.rig.hardware import present
 
     echo(fitted(printable(recording.reminder)))
     if present().devices(campaign.folder, campaign.rig)[1] and (set_up := _simulated(recording)):

@@ -14,7 +14,6 @@ from cfid.console.selection import chosen
 from cfid.console.vehicle import Uri
 from cfid.counted import counted
 from cfid.errors import FitError
-from cfid.latency.record import record_pings
 from cfid.lazy import later
 from cfid.records.choose import labelled
 
@@ -61,6 +60,7 @@ def ping(
 
     Example: [bold]cfid log ping --count 500 --note "just started up"[/bold]
     """
+    from cfid.latency.record import record_pings
 
     rig = rig_of()
     if dry_run:

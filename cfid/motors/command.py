@@ -14,7 +14,6 @@ from cfid.counted import counted
 from cfid.errors import ConfigError
 from cfid.lazy import later
 from cfid.motors.plan import LONGEST_STEP_S, StaircasePlan, missing
-from cfid.motors.record import StaircaseRecording, record_forces, record_scales, record_speed
 from cfid.recordings.vehicle import SCALES
 from cfid.records.run import read_run
 from cfid.units import FULL_COMMAND
@@ -77,6 +76,7 @@ def thrust(
 
     Example: [bold]cfid log thrust --from 0 --to 64000 --step 2000 --motor 1,3[/bold]
     """
+    from cfid.motors.record import StaircaseRecording, record_forces
 
     rig, word = rig_of(), run_to_resume(run, resume=resume)
     wanted = staircase_of(motors_of(motor, (1, 3)), first, last, step, down=down, hold_s=hold, rest_s=rest)
@@ -124,6 +124,7 @@ def speed(
 
     Example: [bold]cfid log speed --motor 1[/bold]
     """
+    from cfid.motors.record import StaircaseRecording, record_speed
 
     rig, word = rig_of(), run_to_resume(run, resume=resume)
     tachometer = tachometer or _tachometer_of(word, rig.campaign)
@@ -173,6 +174,7 @@ def scales(
 
     Example: [bold]cfid log scales --motor 1,3[/bold]
     """
+    from cfid.motors.record import StaircaseRecording, record_scales
 
     rig, word = rig_of(), run_to_resume(run, resume=resume)
     wanted = staircase_of(motors_of(motor, (1, 3)), first, last, step, down=down, hold_s=hold, rest_s=rest)

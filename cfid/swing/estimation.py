@@ -238,7 +238,9 @@ def _posterior(swing: FreeSwing, fit: OutputError, worst_std: Array) -> _Posteri
     values, weight = np.append(fit.values[fit.free], [0.0, 0.0]) * size, 1 / std**2
     covariance = np.linalg.inv(rows.T @ rows / noise + weight[:, None] * np.eye(len(size)))
     pulled = rows.T @ fit.residual_rad / noise - weight * values
-    change, variance = np.einsum("rij,rj->ri", covariance, pulled), np.einsum("rii->ri", covariance).copy()
+    change = np.einsum("rij,rj->ri", covariance, pulled)
+    # Rounding of a nearly singular inverse may leave less than what each value alone would have.
+    variance = np.maximum(np.einsum("rii->ri", covariance), 1 / (1 / noise + weight))
     score = np.sum(pulled * change - weight * values**2, axis=1) / _TEMPERED + np.linalg.slogdet(covariance)[1]
     score = score / 2 - (1 + _RARER) * np.log(shares).sum(axis=1)
     pull_std = 0.0

@@ -27,7 +27,6 @@ from cfid.records.run import read_run
 from cfid.transfer.data import read_sines
 from cfid.transfer.model import TransferFunction
 from cfid.transfer.plan import THESIS_FIRST, THESIS_SECOND, SineSweep, above_cutoff, log_spaced, missing_sines
-from cfid.transfer.record import record_sines
 from cfid.units import FULL_COMMAND, MM
 from cfid.version import __version__
 from cfid.wire.app import MIDDLE, SAMPLES_PER_S
@@ -341,6 +340,7 @@ def sine(
 
     Example: [bold]cfid log sine --periods 1,2,4,8,16,32 --samples 4000 --amplitude 20000 --motor 1[/bold]
     """
+    from cfid.transfer.record import record_sines
 
     choice = SineChoice(periods=periods, plan=plan, samples=samples, amplitude=amplitude, motor=motor, force=force)
     word = run_to_resume(run, resume=resume)

@@ -66,7 +66,7 @@ def message_above_a_live_line() -> None:
 
 def result() -> None:
     deliver(
-        Result(command="tf latency", section="", method="default", quantities={}, lines=(LONG,)),
+        Result(command="tf latency", section="", method="default", quantities={}, lines=(LONG,), prints_lines=True),
         Delivery(),
         open_workplace(),
         keep=False,

@@ -190,7 +190,7 @@ def test_another_method_or_option_replaces_that_of_the_fits_that_have_it(
 ) -> None:
     words = ("fleet", "fit", campaigns / "c3", "--out")
     thesis = cfid(*words, tmp_path / "thesis", "--method", "thesis", "--json")
-    peaks = cfid(*words, tmp_path / "peaks", "--set", "peaks=5", "--set", "order=3")
+    peaks = cfid(*words, tmp_path / "peaks", "--set", "peaks=5", "--set", "markers=3")
 
     assert (thesis.returncode, peaks.returncode) == (0, 0)
     assert sections_at(tmp_path / "thesis" / "c3")["swing x"].method == "thesis"

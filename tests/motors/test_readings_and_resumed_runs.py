@@ -263,7 +263,7 @@ def two_parts(campaign: Path) -> tuple[Run, Run]:
 
 def verified(cfid: Cfid, campaign: Path, *runs: Run) -> tuple[str, dict[str, Any]]:
     """Return what a fit that is verified by runs prints, and what it found."""
-    verify = [word for run in runs for word in ("--verify", run.folder.name)]
+    verify = [word for run in runs for word in ("--verify", run.folder.name)] + ["--verbose"]
     words = ("fit", "thrust", campaign / "forces.csv", *verify, "--no-figures")
     ended = cfid(*words)
     assert ended.returncode == 0, ended.stderr

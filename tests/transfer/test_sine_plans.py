@@ -57,7 +57,7 @@ def test_motors_of_a_list_are_driven_one_after_the_other(tmp_path: Path) -> None
         words = ("log", "sine", "--periods", "5", "--samples", 100, "--motor", "3,1")
         rehearsed = bench.start(*words, "--dry-run")
         assert rehearsed.end() == 0
-        assert "2 sines of 3 s on motors 1, 3" in rehearsed.out
+        assert "2 sines of 4 s on motors 1, 3" in rehearsed.out
         assert bench.start(*words, "--yes").end() == 0
         headers = [run.header for run in open_campaign(tmp_path).runs(kind="sine", complete=False)]
 

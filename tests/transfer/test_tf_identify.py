@@ -21,6 +21,7 @@ from tests.transfer.sines_in_a_folder import (
     GAIN_N,
     LAG_S,
     PERIODS,
+    THESIS_MOUNT,
     TRUTH,
     USUAL,
     Here,
@@ -73,7 +74,7 @@ def test_an_index_of_two_series_gives_one_function_and_one_for_each(tf: Here, bo
     assert quality["degrees_of_freedom"] == 2 * quality["frequencies"] - 4
     assert quality["corrected_aic"]["first+delay"] < 5
     assert quality["corrected_aic"]["first"] > 100
-    published = fit(read_sines([], index=both), compare="eq3.15").quality["compared"]
+    published = fit(read_sines([], facts=THESIS_MOUNT, index=both), compare="eq3.15").quality["compared"]
     assert published["eq3.15"]["static_gain_n"] == pytest.approx(2.383e-6, rel=1e-3)
     assert {Path(source["path"]).name for source in content["sources"]} >= {"index.csv", "cellfirst_0.csv"}
 
@@ -183,7 +184,7 @@ def test_the_static_gain_is_checked_against_the_thrust_map(
 
 
 def test_each_series_of_the_thesis_has_its_constants(both: Path) -> None:
-    sines_read = read_sines([], index=both)
+    sines_read = read_sines([], facts=THESIS_MOUNT, index=both)
     numerators = [
         fit(sines_read, settings=partial(settings_of, preset=preset), method="thesis").quantities["tf.numerator"].value
         for preset in (None, "first", "second")

@@ -14,7 +14,7 @@ from cfid.transfer import read_sines, verify
 from cfid.transfer.model import TransferFunction
 from tests.lab import sections_at
 from tests.offline.sine_bench import SimulatedSine
-from tests.transfer.sines_in_a_folder import GAIN_N, LAG_S, Here, sines, write_index, write_run
+from tests.transfer.sines_in_a_folder import GAIN_N, LAG_S, THESIS_MOUNT, Here, sines, write_index, write_run
 from tests.transfer.test_tf_faults import refused
 
 POLE = float(np.exp(-0.002 / LAG_S))
@@ -82,7 +82,7 @@ def test_the_thesis_result_of_a_campaign_is_verified_from_the_stamps_on_average(
 
 
 def test_only_the_function_of_a_sine_describes_it(tmp_path: Path, runs: list[SimulatedSine]) -> None:
-    sines_read = read_sines([], index=write_index(tmp_path, {"": runs[4:7]}))
+    sines_read = read_sines([], facts=THESIS_MOUNT, index=write_index(tmp_path, {"": runs[4:7]}))
     numerator = [0.0, GAIN_N * (1 - POLE)]
     good, shifted, wrong = (
         verify(sines_read, TransferFunction.of_coefficients(numerator, [1.0, -pole], delay_s=delay_s))
@@ -117,12 +117,14 @@ def test_nothing_to_verify_is_refused(tf: Here, tmp_path: Path, runs: list[Simul
 
 
 def test_a_run_without_frequency_is_left_out_and_alone_cannot_be_compared(tmp_path: Path) -> None:
-    both = read_sines([], index=write_index(tmp_path, {"": sines((0, 10))}, cells=1))
+    both = read_sines([], facts=THESIS_MOUNT, index=write_index(tmp_path, {"": sines((0, 10))}, cells=1))
     assert [key for key in verify(both, FUNCTION).quantities if key.endswith("late_s")] == [
         "tf.verify.crossings_10.late_s"
     ]
 
-    alone = read_sines([], index=write_index(tmp_path, {"": sines((0,))}, cells=1, name="alone.csv"))
+    alone = read_sines(
+        [], facts=THESIS_MOUNT, index=write_index(tmp_path, {"": sines((0,))}, cells=1, name="alone.csv")
+    )
     with pytest.raises(DataError):
         verify(alone, FUNCTION)
 
@@ -134,7 +136,7 @@ def test_runs_whose_files_are_called_the_same_keep_their_own_figures(tmp_path: P
     rows = [(tmp_path / folder / "index.csv").read_text().splitlines() for folder in ("one", "other")]
     lines = [row[1].replace(",c", f",{at}/c") for at, row in zip(("one", "other"), rows, strict=True)]
     (tmp_path / "both.csv").write_text("\n".join([rows[0][0], *lines]) + "\n")
-    result = verify(read_sines([], index=tmp_path / "both.csv"), FUNCTION)
+    result = verify(read_sines([], facts=THESIS_MOUNT, index=tmp_path / "both.csv"), FUNCTION)
 
     assert len([key for key in result.quantities if key.endswith("gain_ratio")]) == 2
     assert len(result.quality["runs"]) == 2
