@@ -112,6 +112,11 @@ def test_rotors_stand_around_the_centre_of_mass() -> None:
 
     np.testing.assert_allclose([motor.place_m for motor in motors], np.column_stack([x, y, 0 * x]))
     assert [motor.yaw_sign for motor in motors] == [-1, 1, -1, 1]
+    for name, order in (("gazebo", [0, 1, 2, 3]), ("px4-gazebo", [0, 2, 3, 1])):
+        poses = [link.findtext("pose", "").split()[:2] for link in xml(name, moved).iter("link")][1:]
+        np.testing.assert_allclose(np.array(poses, dtype=float), np.column_stack([x, y])[order])
+    hull = next(e.attrib["pos"].split() for e in xml("mujoco", moved).iter("geom") if "pos" in e.attrib)
+    np.testing.assert_allclose(np.array(hull, dtype=float), [-0.001, 0.002, 0])
     np.testing.assert_allclose(crazyflow["L"] * np.array(crazyflow["mixing_matrix"][:2]), [y, -x])
     assert crazyflow["mixing_matrix"][2] == [-1, 1, -1, 1]
     np.testing.assert_allclose(omnidrones["arm_lengths"], np.hypot(x, y)[::-1])
@@ -340,6 +345,7 @@ def test_json_has_values_and_uncertainties_in_both_frames() -> None:
     assert [quantities["gravity_mps2"][key] for key in ("value", "std")] == [9.812, 0.002]
     np.testing.assert_allclose(quantities["centre_of_mass_m"]["value"], [0.001, -0.002, 0.0174])
     np.testing.assert_allclose(quantities["centre_of_mass_m"]["std"], 5e-4)
+    assert [quantities[key]["unit"] for key in ("centre_of_mass_m", "mass_kg", "arm_m")] == ["m", "kg", "m"]
     inertia = quantities["inertia.matrix_kg_m2"]
     assert (inertia["value"], inertia["frame"]) == (INERTIA_KG_M2, "campaign")
     assert inertia["in_vehicle_frame"]["value"][0][1] == -0.830806e-6
