@@ -3,7 +3,7 @@
 import json as encoder
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
@@ -13,16 +13,12 @@ from cfid.console.program import program
 from cfid.errors import ConfigError, DataError
 from cfid.export.render import rendered
 from cfid.export.samples import EVERYTHING, LISTS, counts_text, draw
-from cfid.export.target import FOLDER, given_by, need_keys, need_text, refuse, target_named, targets, warnings
-from cfid.export.vehicle import collect
+from cfid.export.target import FOLDER, Target, given_by, need_keys, need_text, refuse, target_named, targets, warnings
+from cfid.export.vehicle import ExportVehicle, collect
+from cfid.records.campaign import Campaign
 from cfid.records.files import refuse_kept, write_whole
+from cfid.records.values import Values
 from cfid.version import __version__
-
-if TYPE_CHECKING:
-    from cfid.export.target import Target
-    from cfid.export.vehicle import ExportVehicle
-    from cfid.records.campaign import Campaign
-    from cfid.records.values import Values
 
 LIST, SAMPLES = "list", "samples"
 
@@ -94,7 +90,7 @@ def export(
         note(f"not measured, and left out or marked: {need_text(use)}.")
 
 
-def _collected(campaign: "Campaign") -> "tuple[ExportVehicle, Values]":
+def _collected(campaign: Campaign) -> tuple[ExportVehicle, Values]:
     """Return a campaign's vehicle and values. Raises DataError if a kept fit cannot be read."""
 
     note_earlier_parameters(campaign)
@@ -123,9 +119,7 @@ def _write(contents: Mapping[Path, bytes], *, force: bool) -> None:
         echo(str(path))
 
 
-def _write_samples(
-    vehicle: "ExportVehicle", values: "Values", folder: Path, *, count: int, seed: int, force: bool
-) -> None:
+def _write_samples(vehicle: ExportVehicle, values: Values, folder: Path, *, count: int, seed: int, force: bool) -> None:
 
     refuse(EVERYTHING, vehicle, values, force=force)
     samples = draw(vehicle, values, count=count, seed=seed)
@@ -149,7 +143,7 @@ def _write_samples(
             note(f"no list for {name}, which needs what is not measured yet: {needs}.")
 
 
-def _print_list(campaign: "Campaign", vehicle: "ExportVehicle", *, json: bool) -> None:
+def _print_list(campaign: Campaign, vehicle: ExportVehicle, *, json: bool) -> None:
 
     rows = [_row(target, vehicle) for target in targets(campaign.folder).values()]
     if json:
@@ -168,7 +162,7 @@ def _print_keys(title: str, words: list[str]) -> None:
         echo(f"  {title}: {in_options(word)}")
 
 
-def _row(target: "Target", vehicle: "ExportVehicle") -> dict[str, Any]:
+def _row(target: Target, vehicle: ExportVehicle) -> dict[str, Any]:
 
     def row_of(need: str) -> dict[str, Any]:
         return {"keys": need_keys(need), "known": bool(vehicle.met(need)), "given_by": given_by(need)}
