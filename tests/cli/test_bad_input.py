@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cfid.records.rig_file import new_rig_text
-from tests.lab import Cfid
+from tests.lab import Cfid, new_campaign
 
 Spoil = Callable[[list[str]], list[str]]
 
@@ -166,7 +165,7 @@ def test_friction_needs_weights_in_grams(cfid: Cfid, files: Path) -> None:
 def test_a_pipe_or_a_device_is_refused_and_not_read_for_ever(
     cfid: Cfid, tmp_path: Path, words: tuple[str, ...]
 ) -> None:
-    (tmp_path / "rig.toml").write_text(new_rig_text())
+    new_campaign(tmp_path)
     os.mkfifo(tmp_path / "pipe.csv")
     for path in (tmp_path / "pipe.csv", Path("/dev/zero")):
         ended = cfid(*words, path)

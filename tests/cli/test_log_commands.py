@@ -14,9 +14,8 @@ import pytest
 
 from cfid.console.screen import Screen
 from cfid.records.files import RIG_FILE
-from cfid.records.rig_file import new_rig_text
 from cfid.wire.netft import read_settings
-from tests.lab import run_cfid
+from tests.lab import new_campaign, run_cfid
 from tests.rig_in_a_folder import lab_in as served_lab_in
 from tests.terminal import COLUMNS, Terminal
 from tests.virtual_lab import Lab, lab_in
@@ -64,7 +63,7 @@ def test_a_command_of_the_rig_needs_a_campaign(tmp_path: Path, words: tuple[str,
     ],
 )
 def test_a_wrong_option_is_named_before_anything_is_opened(tmp_path: Path, words: str, option: str) -> None:
-    (tmp_path / RIG_FILE).write_text(new_rig_text())
+    new_campaign(tmp_path)
     ended = run_cfid(["log", *words.split()], tmp_path)
 
     assert ended.returncode == 2
@@ -85,7 +84,7 @@ def test_a_wrong_option_is_named_before_anything_is_opened(tmp_path: Path, words
     ],
 )
 def test_a_dry_run_opens_nothing(tmp_path: Path, words: str, number: str) -> None:
-    (tmp_path / RIG_FILE).write_text(new_rig_text())
+    new_campaign(tmp_path)
     ended = run_cfid(["log", *words.split(), "--dry-run"], tmp_path)
 
     assert ended.returncode == 0

@@ -7,11 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from cfid.records.files import RIG_FILE
-from cfid.records.rig_file import new_rig_text
 from cfid.rig.sim_file import SIM_FILE
 from cfid.wire.netft import rate_query, read_settings
-from tests.lab import run_cfid
+from tests.lab import new_campaign, run_cfid
 from tests.rig_in_a_folder import lab_in as served_lab_in
 from tests.rig_in_a_folder import rig_sim
 from tests.virtual_lab import LOADCELL_HZ, lab_in
@@ -97,7 +95,7 @@ def test_a_log_ends_with_a_killed_rig_which_is_then_not_taken_for_the_real_one(t
 
 
 def test_a_simulated_rig_ends_after_its_time(tmp_path: Path) -> None:
-    (tmp_path / RIG_FILE).write_text(new_rig_text())
+    new_campaign(tmp_path)
 
     assert run_cfid(["rig", "sim", "--for", "0.1"], tmp_path).returncode == 0
     assert not (tmp_path / SIM_FILE).exists()
@@ -113,7 +111,7 @@ def test_a_simulated_rig_ends_after_its_time(tmp_path: Path) -> None:
     ],
 )
 def test_a_simulation_with_a_wrong_option_is_refused(tmp_path: Path, words: str, option: str) -> None:
-    (tmp_path / RIG_FILE).write_text(new_rig_text())
+    new_campaign(tmp_path)
     ended = run_cfid(["rig", "sim", *words.split()], tmp_path)
 
     assert ended.returncode == 2

@@ -19,8 +19,7 @@ from cfid.drag.data import WindReading
 from cfid.drag.model import COMPLEX, CROSS, SIMPLE, DragExperiments, DragModel
 from cfid.drag.thesis import Grouping
 from cfid.errors import DataError
-from cfid.records.files import RIG_FILE
-from cfid.records.rig_file import RigFacts, WindStand, new_rig_text
+from cfid.records.rig_file import RigFacts, WindStand
 from tests.drag.thesis_campaign import COMPLEX_AIR, EQ_4_11, NAMES, SIMPLE_AIR, WORLDS, exact, measured
 from tests.drag.wind_in_a_folder import (
     DRIVEN,
@@ -36,7 +35,7 @@ from tests.drag.wind_in_a_folder import (
     recorded,
 )
 from tests.drag.wind_tunnel import CrossAir, Wind
-from tests.lab import Cfid
+from tests.lab import Cfid, new_campaign
 
 Array = npt.NDArray[np.float64]
 
@@ -171,7 +170,7 @@ def test_the_thesis_method_takes_the_tare_of_the_first_500_samples(tmp_path: Pat
 
 
 def test_a_campaign_keeps_the_result_and_its_figures(cfid: Cfid, tunnel: WindFolder) -> None:
-    (tunnel.folder / RIG_FILE).write_text(new_rig_text())
+    new_campaign(tunnel.folder)
     ended = cfid("fit", "drag", *ON_THE_THESIS_RIG, "--index", tunnel.write())
 
     assert ended.returncode == 0, ended.stderr

@@ -14,10 +14,8 @@ from cfid.drag.command import wind_setting, wind_staircase
 from cfid.drag.plan import THESIS_WINDS, missing_lines, missing_runs, thesis_plan
 from cfid.errors import ConfigError
 from cfid.motors.plan import missing
-from cfid.records.files import RIG_FILE
-from cfid.records.rig_file import new_rig_text
 from cfid.records.run import Run, list_runs
-from tests.lab import run_cfid
+from tests.lab import new_campaign, run_cfid
 from tests.virtual_bench import Bench, bench_in
 
 QUICK = ("--commands", "0,20000,40000", "--hold", 0.6, "--rest", 0.3)
@@ -51,7 +49,7 @@ def test_the_plan_is_that_of_section_4_4_2_and_missing_runs_are_a_line_a_setting
 def test_a_dry_run_says_the_wind_how_long_it_takes_and_what_the_thesis_plan_lacks(
     tmp_path: Path, words: str, lines: int
 ) -> None:
-    (tmp_path / RIG_FILE).write_text(new_rig_text())
+    new_campaign(tmp_path)
     ended = run_cfid(["log", "wind", *words.split(), "--dry-run"], tmp_path)
 
     assert ended.returncode == 0, ended.stderr

@@ -12,12 +12,11 @@ from cfid import drag
 from cfid.drag.model import DragExperiments
 from cfid.drag.plan import WindSetting, recorded
 from cfid.errors import DataError
-from cfid.records.files import RIG_FILE
-from cfid.records.rig_file import LoadCellMount, RigFacts, Tachometer, WindStand, new_rig_text
+from cfid.records.rig_file import LoadCellMount, RigFacts, Tachometer, WindStand
 from cfid.records.run import Run, read_run, write_header
 from cfid.sim.propulsion import BatteryTruth, RotorTruth, WindTruth
 from tests.drag.wind_in_a_folder import MOUNT
-from tests.lab import Cfid, made_run
+from tests.lab import Cfid, made_run, new_campaign
 from tests.motors.stand_in_a_folder import BEGIN_S, COLUMNS, climbed, write_run
 
 COMMANDS = (20000, 40000)
@@ -88,8 +87,7 @@ def blown(
 
 @pytest.fixture
 def campaign(tmp_path: Path) -> Path:
-    (tmp_path / RIG_FILE).write_text(new_rig_text())
-    return tmp_path
+    return new_campaign(tmp_path).folder
 
 
 def texts(found: DragExperiments) -> list[str]:

@@ -17,9 +17,9 @@ from cfid.loadcell.estimation import AxisFit, Loads, applied_wrench, fit_axes, p
 from cfid.loadcell.result import rig_keys
 from cfid.recordings.read import read_recording
 from cfid.recordings.wrench import wrench_of
-from cfid.records.rig_file import LoadCellMount, RigFacts, Scales, change_rig, load_rig, new_rig_text
+from cfid.records.rig_file import LoadCellMount, RigFacts, Scales, change_rig, load_rig
 from cfid.records.run import Label, Pull, Run
-from tests.lab import Cfid, made_run, with_axes
+from tests.lab import Cfid, made_run, new_campaign, with_axes
 
 Array = npt.NDArray[np.float64]
 
@@ -201,7 +201,7 @@ def test_the_scales_of_the_weights_are_a_common_cause_of_every_gain(tmp_path: Pa
 
 def test_a_weight_that_hangs_25_times_leaves_the_gain_as_uncertain_as_itself(cfid: Cfid, tmp_path: Path) -> None:
     """The weight of 100 g is known to 1 %, and is 1 % heavier than stated."""
-    (tmp_path / "rig.toml").write_text(new_rig_text())
+    new_campaign(tmp_path)
     loads = [("-z", grams, ARMS_MM[0]) for grams in (0.0, *[100.0] * 25, 0.0)]
     record(tmp_path, Cell(np.eye(6)), loads, weights_off=0.01, weight_std_g=1.0)
 
@@ -212,7 +212,7 @@ def test_a_weight_that_hangs_25_times_leaves_the_gain_as_uncertain_as_itself(cfi
 
 @pytest.mark.parametrize("stated_in_the_rig", [True, False])
 def test_the_uncertainty_of_gravity_is_that_of_every_gain(cfid: Cfid, tmp_path: Path, stated_in_the_rig: bool) -> None:
-    (tmp_path / "rig.toml").write_text(new_rig_text())
+    new_campaign(tmp_path)
     record(tmp_path, Cell(np.eye(6)), UPRIGHT)
     words = () if stated_in_the_rig else ("--gravity-mps2", "9.81:0.05")
     if stated_in_the_rig:
@@ -235,7 +235,7 @@ def test_runs_without_a_pull_and_runs_named_twice_are_refused(tmp_path: Path) ->
 
 
 def test_what_is_stored_changes_rig_toml_and_later_runs_are_divided_by_it(tmp_path: Path) -> None:
-    (tmp_path / "rig.toml").write_text(new_rig_text())
+    new_campaign(tmp_path)
     matrix = np.eye(6)
     matrix[2, 2], matrix[5, 2] = 1.03, 2e-4
     result = fit(record(tmp_path, Cell(matrix), UPRIGHT), gravity_mps2=GRAVITY)

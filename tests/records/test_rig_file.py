@@ -28,7 +28,7 @@ from cfid.records.rig_file import (
 )
 from cfid.records.run import amend_run, read_run
 from cfid.units import MM
-from tests.lab import Cfid, made_run
+from tests.lab import Cfid, made_run, new_campaign
 
 # The distances that the thesis' appendix C.1.7 calculates, to the micrometre.
 DISTANCES_MM = {"x": 22.855, "y": 22.855, "z": 38.163, "xy": 33.784, "xz": 28.267, "yz": 28.267}
@@ -222,7 +222,7 @@ def test_at_the_thesis_sines_motor_1_front_right_lies_on_the_cells_x_axis_and_mo
 
 
 def test_the_preset_states_both_mounts_of_the_thesis(tmp_path: Path) -> None:
-    (tmp_path / "rig.toml").write_text(new_rig_text())
+    new_campaign(tmp_path)
     facts = load_rig(tmp_path / "rig.toml").facts
 
     assert (facts.loadcell.yaw_deg, facts.yaw_in_wind_deg) == (-45.0, 45.0)

@@ -14,10 +14,10 @@ from cfid.records.campaign import open_campaign
 from cfid.records.fits import Fit, withdraw
 from cfid.records.parameters import Parameter, Section, Source
 from cfid.records.parameters_file import is_as_written, text_of
-from cfid.records.rig_file import new_rig_text, thesis_rig
+from cfid.records.rig_file import thesis_rig
 from cfid.records.stale import stale_in
 from cfid.records.values import Values, judging_weights, part_of
-from tests.lab import keep
+from tests.lab import keep, new_campaign
 
 MOST, HELD, POLY, CUBIC = (
     "motor.max_thrust_n", "motor.hover_mass_kg", "motor.thrust_poly", "motor.thrust_voltage_poly",
@@ -202,7 +202,7 @@ def _covariance(of: tuple[str, ...], matrix: tuple[tuple[float, ...], ...]) -> A
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    (tmp_path / "rig.toml").write_text(new_rig_text())
+    new_campaign(tmp_path)
     keep(tmp_path, "thrust", fit(1, {**GOOD, POLY: [0.1, 0.1]}, runs="a").section)
     open_campaign(tmp_path).write_parameters()
     return tmp_path
@@ -236,7 +236,7 @@ def test_the_numbers_of_an_earlier_version_are_kept_beside_the_file(folder: Path
 
 
 def test_names_and_reasons_with_any_signs_make_a_file_of_valid_toml(tmp_path: Path) -> None:
-    (tmp_path / "rig.toml").write_text(new_rig_text().replace('name = "', 'name = "\\u001b\\u000a[x]\\u007f'))
+    new_campaign(tmp_path, ('name = "', 'name = "\\u001b\\u000a[x]\\u007f'))
     evil = "\x1b]0;\r\n[x]\x7f\ud800"
     keep(tmp_path, "thrust", fit(1, {**GOOD, POLY: [0.1, None]}, rejected={MOST: evil}).section)
     open_campaign(tmp_path).write_parameters()

@@ -9,10 +9,10 @@ import pytest
 import cfid.swing
 from cfid.errors import ConfigError
 from cfid.recordings.angle import AngleRecord, labelled
-from cfid.records.files import RIG_FILE
-from cfid.records.rig_file import new_rig_text, thesis_rig
+from cfid.records.rig_file import thesis_rig
 from cfid.records.run import Label
 from tests.drawn import swing_record
+from tests.lab import new_campaign
 from tests.recordings.made import made_angle
 
 # The pendulum of tests.drawn: W, and damping per inertia.
@@ -40,7 +40,7 @@ def test_mass_and_distance_make_an_inertia_and_torques_within_three_uncertaintie
 
 
 def test_the_rig_is_that_of_the_campaign_that_the_recording_lies_in(record: AngleRecord, tmp_path: Path) -> None:
-    (tmp_path / RIG_FILE).write_text(new_rig_text())
+    new_campaign(tmp_path)
     (tmp_path / "runs").mkdir()
     within = labelled(replace(record, path=tmp_path / "runs" / "encoder.csv"), axis="z")
     rig = thesis_rig()

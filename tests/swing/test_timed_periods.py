@@ -15,13 +15,13 @@ from cfid.errors import ConfigError, DataError
 from cfid.recordings.periods import PERIODS, PeriodRecord, axis_record, periods_of
 from cfid.recordings.read import read_recording
 from cfid.records.parameters import Source
-from cfid.records.rig_file import load_rig, new_rig_text
+from cfid.records.rig_file import load_rig
 from cfid.records.run import Label
 from cfid.sim.plants import HandRelease, Pendulum, swing
 from cfid.swing.body import KnownInertia
 from cfid.swing.pendulum import NO_THREADS, Threads
 from cfid.swing.periods import period_ratio, timed_frequency
-from tests.lab import made_run
+from tests.lab import made_run, new_campaign
 
 Array = npt.NDArray[np.float64]
 
@@ -140,7 +140,7 @@ def test_a_table_that_leaves_periods_open_is_refused(tmp_path: Path, text: str, 
 
 
 def test_a_run_of_periods_gives_the_inertia_of_its_axis_alone_and_among_others(tmp_path: Path) -> None:
-    (tmp_path / "rig.toml").write_text(new_rig_text())
+    new_campaign(tmp_path)
     rig = load_rig(tmp_path / "rig.toml")
     timed = record(np.array([5.6, 5.62, 5.61]), amplitude_rad=np.radians([15.0, 14.0, 15.0]), std_s=0.02)
     run = made_run(tmp_path, "swing", {PERIODS: timed.columns}, label=Label(axis="x"))

@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from cfid.records.campaign import open_campaign
-from cfid.records.files import RIG_FILE
-from cfid.records.rig_file import new_rig_text
 from cfid.transfer.plan import THESIS_FIRST, THESIS_SECOND, log_spaced
-from tests.lab import run_cfid
+from tests.lab import new_campaign, run_cfid
 from tests.virtual_bench import bench_in
 
 
@@ -45,7 +43,7 @@ def test_the_thesis_plans_are_table_3_1_as_far_as_it_tells() -> None:
 def test_a_plan_states_its_duration_what_of_it_is_made_up_and_that_a_fit_leaves_sines_out(
     tmp_path: Path, words: str, lasts: str, made_up: bool, left_out: bool
 ) -> None:
-    (tmp_path / RIG_FILE).write_text(new_rig_text())
+    new_campaign(tmp_path)
     ended = run_cfid(["log", "sine", "--dry-run", *words.split()], tmp_path)
 
     assert ended.stdout.startswith(lasts)

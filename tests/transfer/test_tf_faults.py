@@ -6,10 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from cfid.records.files import RIG_FILE
-from cfid.records.rig_file import new_rig_text
 from cfid.records.run import DeviceRecord, Label
 from cfid.records.run_writer import create_run
+from tests.lab import new_campaign
 from tests.offline.sine_bench import SimulatedSine
 from tests.transfer.sines_in_a_folder import Here, Said, sines, write_index, write_run
 
@@ -167,7 +166,7 @@ def test_invalid_options_are_refused(tf: Here, index: Path, words: str, code: in
 
 
 def test_a_run_of_something_else_is_no_sine(tf: Here, tmp_path: Path, runs: list[SimulatedSine]) -> None:
-    (tmp_path / RIG_FILE).write_text(new_rig_text())
+    new_campaign(tmp_path)
     refused(tf("identify"), 2, "no complete sines")
     sine = write_run(tmp_path, runs[0])
     swing = create_run(

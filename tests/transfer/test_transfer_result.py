@@ -9,8 +9,6 @@ import pytest
 import cfid
 from cfid import transfer
 from cfid.errors import DataError, FitError
-from cfid.records.files import RIG_FILE
-from cfid.records.rig_file import new_rig_text
 from cfid.records.run import Run
 from cfid.transfer.alignment import align
 from cfid.transfer.data import read_sines
@@ -19,7 +17,7 @@ from cfid.transfer.model import TransferFunction
 from cfid.transfer.record import verdict
 from cfid.transfer.result import fit
 from cfid.transfer.verification import verify_run
-from tests.lab import with_axes
+from tests.lab import new_campaign, with_axes
 from tests.offline.sine_bench import SimulatedSine
 from tests.transfer.sine_recordings import GAIN_N as PLANT_GAIN_N
 from tests.transfer.sine_recordings import LAG_S as PLANT_LAG_S
@@ -87,7 +85,7 @@ PERIODS = (2, 10, 40)
 
 @pytest.fixture
 def campaign(tmp_path: Path) -> Path:
-    (tmp_path / RIG_FILE).write_text(new_rig_text())
+    new_campaign(tmp_path)
     for run in sines(PERIODS):
         write_run(tmp_path, run)
     return tmp_path
