@@ -34,11 +34,11 @@ import sys
 
 class NotThere:
     def find_spec(self, name, path=None, target=None):
-        if name in ("termios", "tty", "pty", "fcntl", "resource", "grp", "pwd"):
+        if name in ("termios", "tty", "pty", "fcntl", "grp", "pwd"):
             raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 
 sys.meta_path.insert(0, NotThere())
-for name in ("termios", "tty", "pty", "fcntl", "resource", "grp", "pwd"):
+for name in ("termios", "tty", "pty", "fcntl", "grp", "pwd"):
     sys.modules.pop(name, None)
 from cfid.cli.main import main
 for words in sys.argv[1:]:

@@ -18,7 +18,7 @@ from cfid.recordings.recording import How
 from cfid.recordings.wrench import wrench_of
 from cfid.records.run import Run, read_run
 from tests.lab import Cfid, new_campaign
-from tests.logs.usd_bytes import Record, bytes_of, written
+from tests.logs.usd_bytes import FIXED, Event, Record, bytes_of, rows, written
 
 TIME_S = np.arange(3000) / 500
 ANGLE_RAD = 0.5 * np.exp(-TIME_S / 20) * np.cos(8 * TIME_S)
@@ -256,3 +256,10 @@ def test_in_python_a_recording_is_imported_by_the_settings_that_read_it(tmp_path
     with pytest.raises(ConfigError) as refused:
         import_recording(read_recording(run.folder), How())
     assert refused.value.code == "a-run"
+
+
+def test_an_event_without_variables_keeps_its_times(imported: Import, tmp_path: Path) -> None:
+    taken_off: Event = (7, "takeOff", ())
+    records: list[Record] = [*rows(100), (7, 5_100_500, ()), (7, 5_200_500, ())]
+    run = imported(written(tmp_path, bytes_of([FIXED, taken_off], records)))
+    assert times(run, "takeOff").tolist() == pytest.approx([5.1005, 5.2005])
