@@ -27,9 +27,6 @@ from cfid.export.vehicle import ExportVehicle
 from cfid.units import FULL_COMMAND
 from cfid.version import __version__
 
-if sys.platform != "win32":
-    import resource
-
 _LINES, _WIDTH = 12, 114  # of the comments at the head of a file, without the signs that begin them
 _LONGEST_S, _LARGEST_BYTES, _MEMORY_BYTES = 30.0, 10_000_000, 1 << 30  # of a campaign's own template
 
@@ -79,6 +76,8 @@ def _rendered_apart(target: Target, vehicle: ExportVehicle) -> str:
 
 def _limit_memory() -> None:
     if sys.platform == "linux":
+        import resource
+
         used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
         resource.setrlimit(resource.RLIMIT_AS, (used + _MEMORY_BYTES,) * 2)
 
