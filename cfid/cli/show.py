@@ -9,7 +9,6 @@ from cfid.console.messages import echo
 from cfid.console.options import Figures, Force, Geometry, Out
 from cfid.console.outcome import Delivery, deliver
 from cfid.console.program import program
-from cfid.console.views import View, views_of
 from cfid.errors import ConfigError
 from cfid.findings import warning
 from cfid.records.result import Result
@@ -21,6 +20,7 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
+    from cfid.console.views import View
     from cfid.records.parameters import Parameter
 
 
@@ -39,6 +39,7 @@ def show_run(
 
     Example: [bold]cfid show runs/2026-11-21_083012_swing_x --terminal[/bold]
     """
+    from cfid.console.views import views_of
 
     if terminal and program().json:
         raise ConfigError("--terminal and --json both write to the terminal: give one of them.")
@@ -89,7 +90,7 @@ def _parameters(views: "Sequence[View]") -> "dict[str, Parameter]":
     }
 
 
-def _plot_in_terminal(view: View) -> None:
+def _plot_in_terminal(view: "View") -> None:
     import plotext
 
     plotext.clear_figure()

@@ -76,7 +76,7 @@ def _rendered_apart(target: Target, vehicle: ExportVehicle) -> str:
 
 def _limit_memory() -> None:
     if sys.platform == "linux":
-        import resource
+        import resource  # noqa: PLC0415 - other systems have none
 
         used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
         resource.setrlimit(resource.RLIMIT_AS, (used + _MEMORY_BYTES,) * 2)
