@@ -6,7 +6,7 @@ import os
 import signal
 import warnings
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor
+from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -57,18 +57,23 @@ def _listed(index: Path) -> list[str]:
 
 
 @contextmanager
-def workers(jobs: int, scheduler: str | None) -> Iterator[Executor]:
-    """Start processes, `jobs` of them or one for each processor, or use the Dask cluster at an address.
+def workers(jobs: int, scheduler: str | None, *, most: int) -> Iterator[Executor]:
+    """Start `jobs` processes, by default one for each processor, but at most `most`; or use the Dask cluster there.
 
-    Processes end with the context, also in the middle of their work. Raises ConfigError where no cluster answers.
+    A single one is a thread of this process. Processes end with the context, also in the middle of their work. Raises
+    ConfigError where no cluster answers.
     """
     if scheduler is not None:
         with _client(scheduler) as client:
             yield client.get_executor()
         return
-    os.environ.update(_ENVIRONMENT)  # the processes inherit it
-    spawn = multiprocessing.get_context("spawn")  # so that no answer depends on what this process did before
-    pool = ProcessPoolExecutor(jobs or None, mp_context=spawn, initializer=_prepare)
+    number = min(jobs or os.cpu_count() or 1, most)
+    if number < 2:
+        pool: Executor = ThreadPoolExecutor(1)
+    else:
+        os.environ.update(_ENVIRONMENT)  # the processes inherit it
+        spawn = multiprocessing.get_context("spawn")  # so that no answer depends on what this process did before
+        pool = ProcessPoolExecutor(number, mp_context=spawn, initializer=_prepare)
     try:
         yield pool
     except BaseException:

@@ -70,11 +70,8 @@ def fleet(
     if out is not None and out.suffix not in _SUFFIXES:
         raise ConfigError(f"{out}: should end in {', '.join(_SUFFIXES)}.")
     places, faults = campaign_folders(folders or [], index)
-    if scheduler is None and len(places) < _FOLDERS_FOR_A_PROCESS:
-        answers = list(map(summarise, places))
-    else:
-        with workers(jobs, scheduler) as pool:
-            answers = list(pool.map(summarise, places))
+    with workers(jobs, scheduler, most=len(places) // _FOLDERS_FOR_A_PROCESS) as pool:
+        answers = list(pool.map(summarise, places))
     summaries = distinct([answer for answer in answers if not isinstance(answer, CfidError)])
     faults += [answer for answer in answers if isinstance(answer, CfidError)]
     numbers = compare(summaries)

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path, PurePath
@@ -109,7 +110,7 @@ def summarise(folder: str) -> Summary | CfidError:
         [warning("run-unreadable", f"{run} It does not count.") for run in listed if not isinstance(run, Run)],
     )
     for fit, quantities in by_fit.items():
-        recorded, axis = _recorded(fit.section, runs), fit.name.partition(" ")[2]
+        recorded, axis = _recorded(fit.section), fit.name.partition(" ")[2]
         for quantity in quantities:
             for number in quantity.parameter.numbers(quantity.key):
                 if number.value is None:
@@ -222,22 +223,14 @@ def _chance_of_distance(value: Array, std: Array, place: int) -> float:
     return 2 * float(max(ndtr(-distance), by_scatter))
 
 
-def _recorded(section: Section, runs: Sequence[Run]) -> datetime:
-    """Return the start time of a section's last run, or the time of the fit if it has no runs.
-
-    The name of a run states its start, which is used for a run that is elsewhere, as after a refit.
-    """
-    started = {run.folder.name: run.header.started for run in runs}
-    names = [PurePath(source.path).parent.name for source in section.sources]
-    times = [when for name in names if (when := started.get(name) or _start_in(name)) is not None]
+def _recorded(section: Section) -> datetime:
+    """Return the start of a section's last run, which its name states, or the time of the fit if it has no runs."""
+    times = []
+    for source in section.sources:
+        with suppress(ValueError):
+            name = PurePath(source.path).parent.name[: len("2026-11-21_083012")]
+            times.append(datetime.strptime(name, _START_IN_NAME).replace(tzinfo=UTC))
     return max(times, default=section.found)
-
-
-def _start_in(name: str) -> datetime | None:
-    try:
-        return datetime.strptime(name[: len("2026-11-21_083012")], _START_IN_NAME).replace(tzinfo=UTC)
-    except ValueError:
-        return None
 
 
 def _source_finding(folder: Path, source: Source) -> Finding | None:

@@ -112,7 +112,8 @@ def refits(
     began_s = time.monotonic()
     try:
         out.mkdir(parents=True, exist_ok=True)
-        with TemporaryDirectory(dir=out, prefix=".incomplete-") as half, workers(jobs, scheduler) as pool:
+        most = len(waiting)
+        with TemporaryDirectory(dir=out, prefix=".incomplete-") as half, workers(jobs, scheduler, most=most) as pool:
             futures = {
                 pool.submit(refit, folder, Path(half) / made.name, changes): made for made, folder in waiting.items()
             }

@@ -151,12 +151,12 @@ def test_unreadable_campaigns_are_listed_after_the_others(cfid: Cfid, tmp_path: 
     assert cfid("fleet", tmp_path / "d*").returncode == cfid("fleet").returncode == 2
 
 
-def test_sixty_campaigns_of_many_numbers_fit_a_screen(
+def test_many_campaigns_of_many_numbers_fit_a_screen(
     cfid: Cfid, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "100")
     rng = np.random.default_rng(1)
-    for place in range(60):
+    for place in range(32):
         folder = campaign(tmp_path / f"c{place}", place, 0.028 + 1e-5 * rng.standard_normal())
         speeds = {f"rotor{key:02d}.speed_rad_s": 100 + 0.1 * rng.standard_normal() for key in range(50)}
         if place == 7:
@@ -249,17 +249,3 @@ def test_numbers_of_different_units_are_not_compared(cfid: Cfid, tmp_path: Path)
 
     assert numbers["thing, mm"]["values"] == [46.0, None]
     assert numbers["thing, m"]["values"] == [None, 0.046]
-
-
-def test_several_processes_give_the_same_numbers(cfid: Cfid, tmp_path: Path) -> None:
-    folders = [campaign(tmp_path / f"c{day:02d}", day, 0.028 + 1e-6 * day) for day in range(17)]
-    parallel, alone = compared(cfid, *folders, "--jobs", 2), compared(cfid, *folders[:15])
-
-    assert parallel["parameters"]["thing.mass_kg"]["values"][:15] == alone["parameters"]["thing.mass_kg"]["values"]
-
-
-def test_a_cluster_gives_the_same_numbers(cfid: Cfid, tmp_path: Path) -> None:
-    distributed = pytest.importorskip("distributed", reason="Dask is not installed: pip install 'cfid[fleet]'")
-    folders = [campaign(tmp_path / f"c{day}", day, 0.028 + 1e-6 * day) for day in range(3)]
-    with distributed.LocalCluster(n_workers=1, processes=True, dashboard_address=":0") as cluster:
-        assert compared(cfid, *folders, "--scheduler", cluster.scheduler_address) == compared(cfid, *folders)

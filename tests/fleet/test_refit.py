@@ -131,7 +131,7 @@ def test_a_cluster_gives_the_same_to_the_last_bit(cfid: Cfid, campaigns: Path, t
 
 def test_a_fleet_continues_where_it_was_interrupted(campaigns: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    words = ["fleet", "fit", campaigns / "c*", "--out", out, "--jobs", 1]
+    words = ["fleet", "fit", campaigns / "c*", "--out", out, "--jobs", 2]
     with (tmp_path / "stderr").open("w+") as stderr:
         process = started(words, anew=True, cwd=tmp_path, env=os.environ, stdout=stderr, stderr=stderr)
         end_s = time.monotonic() + LONGEST_S
