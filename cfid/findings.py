@@ -52,7 +52,7 @@ CODES: dict[str, tuple[Severity, str]] = {
     ),
     "force-scale-assumed": (
         "warning",
-        "counts are read as {counts:.0f} a unit: state `counts_per_n` where it is another.",
+        "counts are read as {counts:.0f} a unit: state `counts_per_n` and `counts_per_nm` where it is another.",
     ),
     "force-status": (
         "warning",

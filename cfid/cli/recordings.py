@@ -8,7 +8,7 @@ import typer
 
 from cfid.console.inputs import find_recording, open_workplace
 from cfid.console.labels import AtMm, Axis, Body, Note, Pull, Weight, label_of, with_load
-from cfid.console.lists import comma_list, span
+from cfid.console.lists import span
 from cfid.console.messages import echo, fitted, in_options
 from cfid.console.messages import note as print_note
 from cfid.console.options import positive
@@ -68,6 +68,14 @@ def import_file(
             rich_help_panel=_COLUMNS,
         ),
     ] = None,
+    time_unit: Annotated[
+        Literal["s", "ms", "us", "ns"] | None,
+        typer.Option(help="Unit of the times, as --unit t=...", rich_help_panel=_COLUMNS),
+    ] = None,
+    angle_unit: Annotated[
+        Literal["counts", "rad", "deg"] | None,
+        typer.Option(help="Unit of the angle, as --unit phi=...", rich_help_panel=_COLUMNS),
+    ] = None,
     rows: Annotated[
         list[str] | None,
         typer.Option(
@@ -102,12 +110,10 @@ def import_file(
         typer.Option(metavar="N|rls-13bit-in-22", help="Encoder counts per turn.", rich_help_panel=_SCALES),
     ] = None,
     counts_per_n: Annotated[
-        str | None,
-        typer.Option(
-            metavar="FORCE[,TORQUE]",
-            help="Counts of the load cell per newton, and per newton metre; default for the latter: the former.",
-            rich_help_panel=_SCALES,
-        ),
+        float | None, typer.Option(help="Counts of the load cell per newton.", rich_help_panel=_SCALES)
+    ] = None,
+    counts_per_nm: Annotated[
+        float | None, typer.Option(help="Counts of the load cell per newton metre.", rich_help_panel=_SCALES)
     ] = None,
     esc_us: Annotated[
         str | None,
@@ -155,15 +161,18 @@ def import_file(
     from cfid.recordings.recording import How
     from cfid.records.campaign import find_campaign
 
-    if rate_hz is not None:
-        positive(rate_hz, "--rate-hz")
-    counts = () if counts_per_n is None else comma_list(counts_per_n, "--counts-per-n", float, example="1e6,1e6")
-    if len(counts) > 2 or min(counts, default=1.0) <= 0:
-        raise ConfigError(f"--counts-per-n {counts_per_n}: should be one or two numbers above zero, as 1e6,1e6.")
+    for value, option in (
+        (rate_hz, "--rate-hz"),
+        (counts_per_n, "--counts-per-n"),
+        (counts_per_nm, "--counts-per-nm"),
+    ):
+        if value is not None:
+            positive(value, option)
     pulses = None if esc_us in (None, _DSHOT) else esc_us
     how = How(
         columns=() if columns is None else tuple(name.strip() for name in columns.split(",")),
-        units=dict(_pairs(unit, "--unit", "t=us")),
+        units={name: word for name, word in (("t", time_unit), ("phi", angle_unit)) if word is not None}
+        | dict(_pairs(unit, "--unit", "t=us")),
         rows=_pairs(rows, "--rows", "Propeller=T5143"),
         rate_hz=rate_hz,
         skip_lines=skip_lines,
@@ -171,8 +180,8 @@ def import_file(
         sort_times=sort_times,
         clock=clock,
         counts_per_turn=None if counts_per_turn is None else _counts(counts_per_turn),
-        counts_per_n=counts[0] if counts else None,
-        counts_per_nm=counts[-1] if counts else None,
+        counts_per_n=counts_per_n,
+        counts_per_nm=counts_per_nm,
         esc_us=None if pulses is None else span(pulses, "--esc-us", unit="microseconds", example="1000,2000"),
         dshot=esc_us == _DSHOT,
         motors=motors,

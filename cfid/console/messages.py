@@ -21,7 +21,6 @@ _SETTING = re.compile(r"`([a-z]\w*)`")
 # Every other option is its setting's name with hyphens.
 _RENAMED = {
     "arm_m": "--arm-mm",
-    "counts_per_nm": "--counts-per-n",
     "folder": "--campaign",
     "from_s": "--from",
     "to_s": "--to",
