@@ -294,18 +294,6 @@ def test_a_rejected_fit_changes_nothing_where_an_accepted_one_of_the_same_runs_c
     assert task(folder).state == "accepted"
 
 
-def test_a_label_that_was_corrected_takes_a_rejection_back_and_a_note_does_not(folder: Path) -> None:
-    axes = swung(folder)
-    run = read_run(runs_of(folder)[1])
-    refused(folder, runs_of(folder))
-    amend_run(run, note="a gust", verdict=Verdict(usable=True, text="good"))
-    assert task(folder).state == "rejected"
-
-    file = run.folder / "run.toml"
-    file.write_text(file.read_text().replace(f'axis = "{axes[1]}"', f'axis = "{axes[0]}"'))
-    assert task(folder).state != "rejected"
-
-
 @pytest.mark.parametrize("runs", [(), ("*_x",)])
 def test_a_fit_of_all_runs_that_gave_nothing_is_not_offered_again_until_something_changes(
     cfid: Cfid, folder: Path, runs: tuple[str, ...]

@@ -14,11 +14,10 @@ from cfid.drawing.save import save_figure
 from cfid.findings import finding
 from cfid.records.campaign import Campaign
 from cfid.records.parameters import Source
-from cfid.records.run import DeviceRecord, Label, amend_run
-from cfid.records.run_writer import RunWriter, create_run
+from cfid.records.run import Run, State, amend_run
 from cfid.report.render import LARGEST_SVG_BYTES, rendered
-from tests.lab import keep, keep_instead, new_campaign
-from tests.report.fits_by_hand import APPENDIX_A, NOON, number, put, report_of
+from tests.lab import keep, keep_instead, made_run, new_campaign
+from tests.report.fits_by_hand import APPENDIX_A, number, put, report_of
 
 THRUST = APPENDIX_A["thrust"]
 
@@ -139,13 +138,6 @@ def test_two_figures_that_are_the_same_are_shown_once(campaign: Campaign) -> Non
     assert page.count('href="#experiment-0"') == 2  # in the contents, and in place of the second figure
 
 
-def test_every_source_stands_with_its_hash(campaign: Campaign) -> None:
-    fit = put(campaign, "thrust", THRUST, sources=["a", "b"])
-    page = page_of(campaign)
-
-    assert all(source.path in page and source.sha256 in page for source in fit.section.sources)
-
-
 def test_places_of_findings_are_kept_with_the_fit(campaign: Campaign) -> None:
     lost = finding("samples-not-taken", samples="3 samples were", achieved="99 %").at("2026-11-21_ping")
     fit = put(campaign, "thrust", THRUST, sources=["a"])
@@ -169,17 +161,8 @@ def test_runs_and_fits_that_cannot_be_read_are_named(campaign: Campaign) -> None
         assert "thrust.json" in rendered(report_of(campaign), form, campaign.folder)
 
 
-def begun(campaign: Campaign, kind: str, device: str, *columns: str, **requested: Any) -> RunWriter:
-    """Start a run with one device, and return its writer."""
-    return create_run(
-        campaign.runs_folder,
-        kind=kind,
-        label=Label(),
-        devices={device: DeviceRecord(file=f"{device}.csv", columns=columns)},
-        started=NOON,
-        cfid_version="0",
-        requested=requested,
-    )
+def thrust_run(campaign: Campaign, state: State, **more: Any) -> Run:
+    return made_run(campaign.folder, "thrust", {"loadcell": {"t": [1.7e9], "fz": [0]}}, state=state, **more)
 
 
 def counts_of(campaign: Campaign) -> tuple[int, int, int]:
@@ -192,12 +175,13 @@ def test_a_fit_of_a_recording_that_changed_or_was_excluded_is_no_longer_current(
         entries = [entry for group in report_of(campaign)["sheet"] for entry in group["quantities"]]
         return list(next(entry["origin"]["findings"] for entry in entries if entry["keys"] == ["motor.thrust_poly"]))
 
-    run = begun(campaign, "thrust", "loadcell", "t", "fz").close("complete")
+    run = thrust_run(campaign, "complete")
     file = run.device_file("loadcell")
     fitted = Source(f"runs/{run.folder.name}/loadcell.csv", sha256(file.read_bytes()).hexdigest())
     fit = put(campaign, "thrust", THRUST)
     keep_instead(campaign.folder, "thrust", replace(fit.section, sources=(fitted,)))
     assert outdated() == []
+    assert fitted.sha256 in page_of(campaign)
     assert counts_of(campaign) == (1, 0, 0)
 
     file.write_text("t,fz\n1,2\n")
@@ -208,28 +192,16 @@ def test_a_fit_of_a_recording_that_changed_or_was_excluded_is_no_longer_current(
     assert counts_of(campaign) == (1, 0, 1)
 
 
-def test_runs_that_grow_or_were_cut_are_counted(campaign: Campaign, tmp_path: Path) -> None:
-    writer = begun(campaign, "ping", "pings", "t", "rtt")
-    writer.append("pings", ([1.7e9], [0.01]))
+def test_runs_that_grow_or_were_cut_are_counted_and_a_completed_one_is_used(campaign: Campaign) -> None:
+    run = thrust_run(campaign, "complete")
+    header = run.folder / "run.toml"
+    header.write_text(header.read_text().replace('state = "complete"', 'state = "recording"'))
     assert counts_of(campaign) == (1, 1, 0)
-    assert [run["state"] for run in report_of(campaign)["runs"]] == ["recording"]
-
-    os.utime(writer.folder / "pings.csv", (0, 0))
-    cut = shutil.copytree(writer.folder, tmp_path / "cut")
-    writer.close("complete")
-    shutil.rmtree(writer.folder)
-    shutil.copytree(cut, writer.folder)
+    os.utime(run.device_file("loadcell"), (0, 0))
     assert counts_of(campaign) == (1, 0, 1)
-    assert [run["state"] for run in report_of(campaign)["runs"]] == ["cut"]
+    assert [row["state"] for row in report_of(campaign)["runs"]] == ["cut"]
 
-
-def test_a_run_that_a_usable_one_completes_counts_as_used(campaign: Campaign) -> None:
-    def written(state: Any, **requested: Any) -> str:
-        writer = begun(campaign, "thrust", "commands", "t", "m1", **requested)
-        writer.append("commands", ([1.7e9], [0]))
-        return writer.close(state).folder.name
-
-    first = written("interrupted")
-    assert counts_of(campaign) == (1, 0, 1)
-    written("complete", resumes=first)
-    assert counts_of(campaign) == (2, 0, 0)
+    later = thrust_run(campaign, "interrupted")
+    assert counts_of(campaign) == (2, 0, 2)
+    thrust_run(campaign, "complete", requested={"resumes": later.folder.name})
+    assert counts_of(campaign) == (3, 0, 1)

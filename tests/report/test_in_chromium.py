@@ -1,12 +1,14 @@
 """The page in a real browser: quiet, self-contained, all figures visible, readable at any width, light and dark."""
 
+from pathlib import Path
+
 import pytest
 from matplotlib.figure import Figure
 
 from cfid.drawing.save import save_figure
 from cfid.report.render import rendered
 from tests.lab import new_campaign
-from tests.report.chromium import BROWSER, Look, look_at
+from tests.report.chromium import BROWSER, look_at
 from tests.report.fits_by_hand import APPENDIX_A, number, put, put_appendix_a, report_of
 
 pytestmark = pytest.mark.skipif(BROWSER is None, reason="needs Chromium to look at the page with")
@@ -38,49 +40,21 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> str:
     return rendered(report_of(campaign), "html", campaign.folder)
 
 
-WIDTHS_PX = (1280, 400)
-Looks = dict[int, Look]
+@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+def test_the_page_is_quiet_and_readable_at_any_width(page: str, dark: bool, tmp_path: Path) -> None:
+    looks = look_at(page, tmp_path, widths_px=(1280, 400), dark=dark)
 
-
-@pytest.fixture(scope="module", params=[False, True], ids=["light", "dark"])
-def dark(request: pytest.FixtureRequest) -> bool:
-    return bool(request.param)
-
-
-@pytest.fixture(scope="module")
-def looks(page: str, dark: bool, tmp_path_factory: pytest.TempPathFactory) -> Looks:
-    return look_at(page, tmp_path_factory.mktemp("look"), widths_px=WIDTHS_PX, dark=dark)
-
-
-def test_the_page_is_quiet_and_asks_for_nothing(looks: Looks) -> None:
-    for look in looks.values():
+    for width_px, look in looks.items():
         assert look.said == ()
         assert set(look.requests) <= {"/", "/page.html", "/favicon.ico"}  # the icon belongs to the framing page
-
-
-def test_every_figure_is_drawn_and_within_the_page(looks: Looks) -> None:
-    for width_px, look in looks.items():
         assert len(look.figures) == 2
         for figure in look.figures:
             assert figure["natural_px"] > 0
             assert figure["shown_px"] >= 300
             assert figure["height_px"] > 100
             assert 0 <= figure["left_px"] < width_px / 2
-
-
-def test_the_page_is_no_wider_than_its_window(looks: Looks) -> None:
-    assert all(look.overflow_px <= 0 for look in looks.values())
-
-
-def test_no_table_is_cut_in_a_narrow_window(looks: Looks) -> None:
-    assert looks[400].cut == ()
-
-
-def test_a_long_list_among_figures_of_quality_is_wrapped_in_a_wide_window(looks: Looks) -> None:
-    assert not [name for name in looks[1280].cut if name.startswith("quality")]
-
-
-def test_every_word_stands_out_from_what_is_behind_it(looks: Looks, dark: bool) -> None:
-    for look in looks.values():
+        assert look.overflow_px <= 0
         assert look.faint == ()
         assert look.background == ("rgb(20, 23, 27)" if dark else "rgb(251, 251, 249)")
+    assert looks[400].cut == ()
+    assert not [name for name in looks[1280].cut if name.startswith("quality")]
