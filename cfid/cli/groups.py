@@ -9,9 +9,9 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command, get_group
 
-from cfid.cli.table import COMMANDS
+from cfid.cli.table import COMMANDS, PRINT_NO_JSON
 from cfid.console.program import given_options, giving, program
-from cfid.errors import CfidError, DataError, FitError, RejectedError
+from cfid.errors import CfidError, ConfigError, DataError, FitError, RejectedError
 from cfid.experiments import EXPERIMENTS
 
 
@@ -20,12 +20,15 @@ class Command(TyperCommand):
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command with its options."""
+        path = ctx.command_path.partition(" ")[2]
+        if program().json and path in PRINT_NO_JSON:
+            raise ConfigError(f"cfid {path} prints no JSON object: leave `json` out. Nothing was done.")
         with giving(ctx):
             try:
                 return super().invoke(ctx)
             except (DataError, FitError) as error:
                 if not isinstance(error, RejectedError) and not given_options() and not any(_words(ctx)):
-                    _keep_refusal(ctx.command_path.partition(" ")[2], str(error))
+                    _keep_refusal(path, str(error))
                 raise
 
 

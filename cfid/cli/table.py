@@ -147,3 +147,11 @@ COMMANDS: dict[str, tuple[str | None, str]] = {
     ),
     "tf latency": _LATENCY,
 }
+
+# Motors are never refused a command for want of JSON.
+PRINT_NO_JSON = frozenset(
+    (
+        *("convert", "demo", "fits drop", "fits repeat", "import", "new", "next", "report", "rig sim"),
+        *("runs exclude", "runs include", "runs note", "set", "watch"),
+    )
+)

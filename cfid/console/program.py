@@ -62,7 +62,10 @@ def options_first(words: Sequence[str]) -> list[str]:
         elif word in FLAGS or word.startswith("--campaign="):
             front.append(word)
         elif word in CAMPAIGN:
-            front += [word, *[value for value in [next(remaining, None)] if value is not None]]
+            value = next(remaining, None)
+            if value is None:
+                return [word]  # alone, so that the parser names the missing folder
+            front += [word, value]
         else:
             rest.append(word)
     return front + rest
