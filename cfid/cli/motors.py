@@ -11,16 +11,7 @@ from cfid.console.messages import note, result
 from cfid.console.options import positive
 from cfid.console.recording import rig_of
 from cfid.console.vehicle import Motor, Uri, confirm, motors_of, reach
-from cfid.errors import ConfigError, DeviceError
-from cfid.records.rig_file import CrazyflieLink
-from cfid.rig.console import Console
-from cfid.rig.emergency import recover_vehicle, stop_vehicle
-from cfid.rig.hardware import present
-from cfid.rig.lock import resolved, vehicles_held
-from cfid.rig.motor_commands import hold
-from cfid.rig.run import drive
 from cfid.units import FULL_COMMAND, MOTORS
-from cfid.wire.app import AppPorts
 
 if TYPE_CHECKING:
     from cfid.records.rig_file import CrazyflieLink
@@ -36,6 +27,7 @@ def console(context: typer.Context, *, uri: Uri = None) -> None:
     """
     if context.invoked_subcommand is not None:
         return
+    from cfid.rig.console import Console
 
     rig = rig_of()
     live = LiveLine()
@@ -67,6 +59,7 @@ def set_motors(
 
     Example: [bold]cfid motors set 30000 --motor 1,3 --for 10[/bold]
     """
+    from cfid.rig.motor_commands import hold
 
     if for_s is not None:
         positive(for_s, "--for")
@@ -88,6 +81,9 @@ def stop(*, uri: Uri = None) -> None:
 
     Example: [bold]cfid motors stop[/bold]
     """
+    from cfid.errors import DeviceError
+    from cfid.rig.hardware import present
+    from cfid.rig.lock import vehicles_held
 
     setting = _setting(uri)
     failed: list[DeviceError] = []
@@ -107,6 +103,8 @@ def recover(*, uri: Uri = None) -> None:
 
     Example: [bold]cfid motors recover[/bold]
     """
+    from cfid.rig.emergency import recover_vehicle
+    from cfid.rig.hardware import present
 
     setting = _setting(uri)
     hardware = present()
@@ -117,11 +115,14 @@ def recover(*, uri: Uri = None) -> None:
 
 def _held_beside(uri: str | None) -> list[str]:
     """Return the vehicles that programs on this computer hold, except the vehicle that the command names."""
+    from cfid.rig.lock import resolved, vehicles_held
 
     return [] if uri is None else [other for other in vehicles_held() if other != resolved(uri)]
 
 
 def _stop(uri: str, setting: "CrazyflieLink") -> None:
+    from cfid.rig.emergency import stop_vehicle
+    from cfid.rig.hardware import present
 
     stopped = stop_vehicle(uri, _ports(setting), present(), say=note)
     result(stopped_line(uri, stopped.after_s))
@@ -130,12 +131,15 @@ def _stop(uri: str, setting: "CrazyflieLink") -> None:
 
 
 def _ports(setting: "CrazyflieLink") -> "AppPorts":
+    from cfid.wire.app import AppPorts
 
     return AppPorts(setting.thrust_port, setting.sine_port, setting.ping_port)
 
 
 def _setting(uri: str | None) -> "CrazyflieLink":
     """Return the link to the vehicle, also without a campaign, a valid rig.toml or a current folder."""
+    from cfid.errors import ConfigError
+    from cfid.records.rig_file import CrazyflieLink
 
     try:
         found = rig_of(or_real=True).devices.crazyflie
@@ -147,6 +151,7 @@ def _setting(uri: str | None) -> "CrazyflieLink":
 
 
 def _drive(vehicle: "ReadyVehicle", live: LiveLine, procedure: "Procedure") -> None:
+    from cfid.rig.run import drive
 
     def stopped(seconds: float) -> None:
         live.end()

@@ -4,14 +4,8 @@ from pathlib import Path
 from secrets import randbelow
 from typing import TYPE_CHECKING
 
-from cfid.console.messages import note
 from cfid.console.program import program
-from cfid.errors import ConfigError, DataError
-from cfid.records.campaign import open_campaign
-from cfid.records.files import RIG_FILE, RUNS_FOLDER, write_new
-from cfid.records.fits import list_fits
-from cfid.records.parameters_file import is_as_written
-from cfid.records.rig_file import new_rig_text
+from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
@@ -27,6 +21,8 @@ def make_campaign(folder: Path, *, seed: int | None = None, thesis: bool = False
 
     Raises ConfigError when the folder has a rig.toml already, or cannot be created.
     """
+    from cfid.records.files import RIG_FILE, RUNS_FOLDER, write_new
+    from cfid.records.rig_file import new_rig_text
 
     try:
         (folder / RUNS_FOLDER).mkdir(parents=True, exist_ok=True)
@@ -44,6 +40,7 @@ def here() -> "Campaign":
 
     Raises ConfigError when there is none.
     """
+    from cfid.records.campaign import open_campaign
 
     return open_campaign(program().campaign)
 
@@ -54,6 +51,8 @@ def write_parameters(campaign: "Campaign") -> None:
     Fits that cannot be read are named, since their values are missing then.
     """
     from contextlib import suppress
+
+    from cfid.console.messages import note
 
     note_unreadable_fits(campaign)
     with suppress(ConfigError):
@@ -66,6 +65,9 @@ def write_parameters(campaign: "Campaign") -> None:
 
 def note_unreadable_fits(campaign: "Campaign") -> int:
     """Print a note on each kept fit that cannot be read, and return how many there are."""
+    from cfid.console.messages import note
+    from cfid.errors import DataError
+    from cfid.records.fits import list_fits
 
     faults = [fault for fault in list_fits(campaign.fits_folder) if isinstance(fault, DataError)]
     for fault in faults:
@@ -75,6 +77,8 @@ def note_unreadable_fits(campaign: "Campaign") -> int:
 
 def note_earlier_parameters(campaign: "Campaign") -> None:
     """Print a note where parameters.toml was not written from the fits, as that of version 0.2."""
+    from cfid.console.messages import note
+    from cfid.records.parameters_file import is_as_written
 
     path = campaign.parameters_file
     if path.is_file() and not is_as_written(path.read_text(encoding="utf-8", errors="replace")):

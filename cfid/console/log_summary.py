@@ -11,7 +11,6 @@ from cfid.console.verdicts import verdict_line
 from cfid.counted import counted
 from cfid.errors import CfidError
 from cfid.findings import rejection
-from cfid.records.files import sha256_of
 from cfid.version import __version__
 
 if TYPE_CHECKING:
@@ -55,6 +54,7 @@ def summary(
     command: str, run: "Run", failure: CfidError | None, parameters: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
     """Return the object of --json for a run. Raises DataError where a file of the run is missing."""
+    from cfid.records.files import sha256_of
 
     devices = devices_of(run)
     return {

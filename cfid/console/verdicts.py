@@ -6,8 +6,6 @@ from typing import TYPE_CHECKING
 
 from cfid.console.messages import note
 from cfid.errors import CfidError, ConfigError, DataError
-from cfid.recordings.resumed import resumed_by, steps_left
-from cfid.records.run import Verdict, amend_run, by_name
 
 if TYPE_CHECKING:
     from cfid.records.run import Run
@@ -46,6 +44,7 @@ def judged(run: "Run", judge: Judge | None) -> "Run":
 
 
 def _with_verdict(run: "Run", text: str, *, usable: bool) -> "Run":
+    from cfid.records.run import Verdict, amend_run, by_name
 
     try:
         return amend_run(run, verdict=Verdict(usable=usable, text=by_name(text, run.folder.parent)))
@@ -89,6 +88,7 @@ def verdict_line(run: "Run") -> str:
 
 def _again(run: "Run") -> str:
     """Return what to do about an unusable run; if the run completes others, the fault may be in those."""
+    from cfid.recordings.resumed import resumed_by
 
     if not (before := resumed_by(run)):
         return "Record it again."
@@ -102,6 +102,7 @@ def _completing(run: "Run") -> str:
         return f"`cfid log {run.header.family} --resume {run.folder.name}` records what the series lacks."
     if "steps" not in run.header.requested:
         return ""
+    from cfid.recordings.resumed import steps_left
 
     with contextlib.suppress(CfidError):  # unreadable rows are reported elsewhere
         if not any(steps_left(run)):  # --resume would refuse such a run

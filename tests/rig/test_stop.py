@@ -27,6 +27,7 @@ from cfid.wire.crtp import Packet, encode_set_by_name
 from tests.flying_in_a_folder import Bench as ServedBench
 from tests.flying_in_a_folder import Pilot as Process
 from tests.flying_in_a_folder import bench_in as served_in
+from tests.lab import ROOT
 from tests.virtual_bench import Bench, bench_in
 
 KINDS = pytest.mark.parametrize("firmware", ["app", "stock"])
@@ -104,6 +105,12 @@ def test_where_one_packet_in_ten_is_lost_motors_stop_within_half_a_second(tmp_pa
                 began_s = bench.hardware.seconds()
                 assert stop_over(link, AppPorts(), bench.hardware).by_parameters
             assert bench.stopped_after(began_s) < 0.5
+
+
+def test_a_stop_waits_for_no_import_that_only_other_commands_need() -> None:
+    body = "import sys, cfid.cli.motors; print({'twisted', 'cflib', 'pandas'} & sys.modules.keys())"
+    ended = subprocess.run([sys.executable, "-c", body], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert ended.stdout == "set()\n"
 
 
 # Beside a program that drives
@@ -255,7 +262,7 @@ time.sleep(600)
 """
 NO_CFID = DRIVE.replace(
     "time.sleep(600)",
-    "for kept in (lock._socket.fileno(), handle): os.set_inheritable(kept, True)\nos.execlp('sleep', 'sleep', '9')",
+    "for kept in (lock._socket.fileno(), handle): os.set_inheritable(kept, True)\nos.execlp('sleep', 'sleep', '600')",
 )
 
 
@@ -317,6 +324,8 @@ def test_a_suspended_process_gives_its_radio_back_or_is_killed(
 
 def test_a_radio_of_a_process_that_is_no_cfid_is_not_taken_from_it(served: ServedBench) -> None:
     with driving(served, "heeds", program=NO_CFID) as driver:
+        while (holder := find_holder(served.uri)) is None or holder.is_ours:
+            time.sleep(0.001)
         with pytest.raises(StopError, match=f"^{MAY_BE_RUNNING}: process {driver.pid}"):
             stop_vehicle(served.uri, AppPorts(), OneRadio(served.folder / "radio"), say=print)
         assert driver.poll() is None
