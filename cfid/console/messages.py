@@ -21,8 +21,10 @@ _SETTING = re.compile(r"`([a-z]\w*)`")
 # Every other option is its setting's name with hyphens.
 _RENAMED = {
     "arm_m": "--arm-mm",
+    "dshot": "--esc-us",
     "folder": "--campaign",
     "from_s": "--from",
+    "rotor": "--motor",
     "to_s": "--to",
 }
 
