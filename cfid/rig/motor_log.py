@@ -21,6 +21,7 @@ APPLIED = tuple(f"motor.m{motor}" for motor in MOTORS)  # the commands that fina
 
 _READY_S = 0.3  # in which a disarmed brushed vehicle is ready again, and another program may go on
 _LOOK_S, _ROW_S = 0.12, 0.5  # a client that flies sends a setpoint every 0.1 s or more often
+_LOOKS = 3
 _RESOLUTION = 256  # of brushed motors
 
 
@@ -127,22 +128,22 @@ async def is_overridden(vehicle: Vehicle) -> bool:
 
 
 async def _applied(vehicle: Vehicle, *, for_s: float = _LOOK_S) -> list[float]:
-    """Return the largest command of each motor in a short look: one that competes with the app's comes in pulses."""
-    block = LogBlock(vehicle, APPLIED)
+    """Return the largest command of each motor in a short look: one that competes with the app's comes in pulses.
+
+    Another program that connects, such as one that stops the motors, too, deletes all blocks of the log: a block whose
+    rows end is left alone, since its number may be that program's by now, and a new one is looked at.
+    """
     largest = [0.0] * len(APPLIED)
-    try:
+    for _ in range(_LOOKS):
+        block = LogBlock(vehicle, APPLIED)
         await block.start(10)
         end_s = vehicle.hardware.seconds() + for_s
-        while vehicle.hardware.seconds() < end_s:
-            row = await vehicle.next((LOG_PORT, LOG_DATA_CHANNEL), block.row, within_s=_ROW_S)
-            if row is None:
-                raise DeviceError(f"{vehicle.uri}: no row of the motors' log came within {_ROW_S:g} s.")
+        while (row := await vehicle.next((LOG_PORT, LOG_DATA_CHANNEL), block.row, within_s=_ROW_S)) is not None:
             largest = list(map(max, largest, row[0][1]))
-    finally:
-        await block.delete()
-    return largest
-
-
+            if vehicle.hardware.seconds() >= end_s:
+                await block.delete()
+                return largest
+    raise DeviceError(f"{vehicle.uri}: no row of the motors' log came within {_ROW_S:g} s, in {_LOOKS} looks.")
 def _beyond(most: Sequence[int], applied: Sequence[float], idle_thrust: int) -> bool:
     return any(command > max(high, idle_thrust) + _RESOLUTION for high, command in zip(most, applied, strict=True))
 

@@ -136,6 +136,19 @@ def test_every_fault_of_the_vehicle_stops_the_motors_and_is_named(tmp_path: Path
     assert states(run)[-1] == fault.state
 
 
+@KINDS
+@pytest.mark.parametrize("after_s", [0.1, 0.2, 0.3])
+def test_a_stop_is_confirmed_while_another_program_connects_and_deletes_all_blocks(
+    tmp_path: Path, firmware: str, after_s: float
+) -> None:
+    with flight_in(tmp_path, crazyflie={"firmware": firmware}) as flight:
+        reset = Packet(LOG_PORT, LOG_CONTROL_CHANNEL, RESET_LOG)
+        flight.hardware.at(2.0 + after_s, flight.send, reset)
+        _, failure = flight.record([flight.ready.commands()], flight.holding(20000, for_s=2.0))
+    assert failure is None
+    assert not any(flight.motors)
+
+
 @pytest.mark.parametrize(
     ("firmware", "stands_s", "ends"), [("app", 0.35, False), ("app", 1.5, True), ("stock", 1.5, False)]
 )
