@@ -1,6 +1,7 @@
 """`cfid fits`: list a campaign's kept fits, withdraw them, and repeat them."""
 
 import json as encoder
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -11,7 +12,7 @@ from cfid.console.campaign import here, write_parameters
 from cfid.console.messages import echo, note, printable
 from cfid.console.program import program
 from cfid.console.tables import print_table
-from cfid.errors import ConfigError, DataError
+from cfid.errors import ConfigError, DataError, FitError
 from cfid.fleet.recipes import again, options_of
 from cfid.fleet.refit import moves_of
 from cfid.records.fits import is_withdrawn, list_fits, withdraw
@@ -37,11 +38,11 @@ def show_fits(context: typer.Context) -> None:
     if context.invoked_subcommand is not None:
         return
 
-    found = here()
-    values, listed = found.values(), list_fits(found.fits_folder)
+    campaign = here()
+    values, listed = campaign.values(), list_fits(campaign.fits_folder)
     counts = {fit.stem: len(quantities) for fit, quantities in values.by_fit.items()}
     rows = [
-        (fit, counts.get(fit.stem, 0), _state(fit, values, withdrawn=is_withdrawn(found.fits_folder, fit)))
+        (fit, counts.get(fit.stem, 0), _state(fit, values, withdrawn=is_withdrawn(campaign.fits_folder, fit)))
         for fit in listed
         if not isinstance(fit, DataError)
     ]
@@ -71,18 +72,17 @@ def drop(words: Annotated[list[str], typer.Argument(metavar="FIT ...", help="Nam
 
     Example: [bold]cfid fits drop 0007_thrust[/bold]
     """
-
-    found = here()
-    for fit in [_fit_named(word, found) for word in words]:
-        before = {quantity.key for quantity in found.values() if quantity.fit.stem == fit.stem}
-        withdraw(found.fits_folder, fit)
-        now = {quantity.key: quantity.fit.stem for quantity in found.values()}
+    campaign = here()
+    for fit in [_fit_named(word, campaign) for word in words]:
+        before = {quantity.key for quantity in campaign.values() if quantity.fit.stem == fit.stem}
+        withdraw(campaign.fits_folder, fit)
+        now = {quantity.key: quantity.fit.stem for quantity in campaign.values()}
         others = dict.fromkeys(now[key] for key in sorted(before) if key in now)
         lost = sorted(before - now.keys())
         echo(f"{fit.stem}: withdrawn." + (f" Its parameters now come from {', '.join(others)}." if others else ""))
         if lost:
             note(f"no other fit has {', '.join(lost)}.")
-    write_parameters(found)
+    write_parameters(campaign)
 
 
 def repeat(word: FitWord) -> None:
@@ -90,33 +90,36 @@ def repeat(word: FitWord) -> None:
 
     Example: [bold]cfid fits repeat 0007_thrust[/bold]
     """
-
-    found = here()
-    fit = _fit_named(word, found)
+    campaign = here()
+    fit = _fit_named(word, campaign)
     elsewhere = [source.path for source in fit.section.sources if not source.run]
     if elsewhere or not fit.section.sources:
         raise DataError(
             f"{fit.stem}: was made from {elsewhere[0] if elsewhere else 'no file'}, not from runs: fit it by hand."
         )
-    for reason in found.values().outdated(fit):
+    for reason in campaign.values().outdated(fit):
         note(f"{fit.stem}: {reason}")
-    runs = [found.runs_folder / name for name in runs_of(fit.section.sources)]
-    result = again(fit, runs, campaign=found.folder, options=options_of(fit))
-    kept = result if fit.options and fit.options.get("force") else result.without_rejected()
-    now = {number.name: number.value for key, parameter in kept.quantities.items() for number in parameter.numbers(key)}
+    runs = [campaign.runs_folder / name for name in runs_of(fit.section.sources)]
+    result = again(fit, runs, campaign=campaign.folder, options=options_of(fit))
+    if not (fit.options and fit.options.get("force")):  # a rejected fit is kept without numbers
+        result = result.without_rejected() if result.accepted else replace(result, quantities={})
+    now = {
+        number.name: number.value for key, parameter in result.quantities.items() for number in parameter.numbers(key)
+    }
     before = {
         number.name: number.value
         for key, parameter in fit.section.parameters.items()
         for number in parameter.numbers(key)
     }
-    moves = sorted(moves_of(fit.section, kept.quantities), reverse=True)
+    moves = sorted(moves_of(fit.section, result.quantities), reverse=True)
     gone, new = sorted(before.keys() - now.keys()), sorted(now.keys() - before.keys())
-    if now == before:
+    if not (now or before):
+        echo(f"{fit.stem}: rejected, as before.")
+    elif now == before:
         echo(f"{fit.stem}: the same {len(before)} numbers.")
     elif not (gone or new) and all(move < _DIFFERENT for move, _ in moves):
         echo(f"{fit.stem}: the same {len(before)} numbers but for rounding.")
     else:
-        echo(f"{fit.stem}: other numbers.")
         for move, name in moves:
             if move >= _DIFFERENT:
                 echo(f"  {name}: {before[name]:g}, now {now[name]:g}: moved by {move:.2g} standard uncertainties.")
@@ -124,11 +127,11 @@ def repeat(word: FitWord) -> None:
             echo(f"  {name}: is gone.")
         for name in new:
             echo(f"  {name}: is new.")
+        raise FitError(f"{fit.stem}: has other numbers than those kept.")
 
 
 def _fit_named(word: str, campaign: "Campaign") -> "Fit":
     """Return the kept fit of a name or number. Raises ConfigError where there is none."""
-
     stem = word.removesuffix(".json")
     fits = [fit for fit in campaign.fits() if fit.stem == stem or (word.isdecimal() and fit.number == int(word))]
     if len(fits) != 1:

@@ -57,12 +57,12 @@ def list_parameters(
 
     Example: [bold]cfid parameters inertia.matrix motor.max_thrust_n[/bold]
     """
-    found = here()
-    values = found.values()
+    campaign = here()
+    values = campaign.values()
     if why is not None:
         _print_candidates(values, why)
         return
-    write_parameters(found)
+    write_parameters(campaign)
     sections = values.sections()
     outdated = {values.label(fit): values.outdated(fit) for fit in values.by_fit}
     (_print_json if program().json else _print_tables)(_named(sections, names) if names else sections, outdated)
@@ -91,7 +91,6 @@ def _named(sections: "Mapping[str, Section]", names: Sequence[str]) -> "dict[str
 
 def _print_candidates(values: "Values", key: str) -> None:
     """Print the kept fits that have or rejected a parameter. Raises ConfigError where there are none."""
-
     candidates = values.candidates(key)
     if not candidates:
         raise ConfigError(f"{key}: no kept fit has it; `cfid parameters` lists the campaign's parameters.")
@@ -144,7 +143,6 @@ def set_by_hand(
 
     Example: [bold]cfid set mass_kg 0.0280:0.0001[/bold]
     """
-
     if name == _CUBIC:
         _store_cubic(here(), _numbers(value, name))
         return
@@ -152,15 +150,14 @@ def set_by_hand(
     number, std = _number(word, name), _number(spread, name) if colon else None
     if std is not None and std < 0:
         raise ConfigError(f"{name}: a standard uncertainty of {std:g} is below zero.")
-    found = here()
-    _check(name, number, std, platform="other" if force else found.rig.vehicle.platform)
+    campaign = here()
+    _check(name, number, std, platform="other" if force else campaign.rig.vehicle.platform)
     into = _into_rig if name in _IN_RIG else _into_parameters
-    where = into(found, name, number, std)
+    where = into(campaign, name, number, std)
     echo(f"{name} is {number:g}{f' +- {std:g}' if std is not None else ''}: {where}")
 
 
 def _number(word: str, name: str) -> float:
-
     try:
         return float(word)
     except ValueError:
@@ -172,7 +169,6 @@ def _numbers(words: str, name: str) -> list[float]:
 
 
 def _store_cubic(campaign: "Campaign", lowest_first: list[float]) -> None:
-
     most = campaign.values().find(_MOST)
     most_n = None if most is None else most.parameter.value
     if fault := cubic_fault(lowest_first, max_thrust_n=most_n):
@@ -182,7 +178,6 @@ def _store_cubic(campaign: "Campaign", lowest_first: list[float]) -> None:
 
 
 def _check(name: str, value: float, std: float | None, *, platform: "Platform") -> None:
-
     row = find(name)
     is_single = row is not None and row.shape is Shape.NUMBER and not row.of_the_run
     if not _NAME.fullmatch(name) and not is_single:
@@ -195,7 +190,6 @@ def _check(name: str, value: float, std: float | None, *, platform: "Platform") 
 
 
 def _into_rig(campaign: "Campaign", name: str, value: float, std: float | None) -> str:
-
     table, key, std_key = _IN_RIG[name]
     path = change_rig(campaign.folder, table, {key: value} | ({} if std is None else {std_key: std}))
     if std is None and (kept := getattr(getattr(campaign.rig, table), std_key)):
@@ -204,7 +198,6 @@ def _into_rig(campaign: "Campaign", name: str, value: float, std: float | None) 
 
 
 def _into_parameters(campaign: "Campaign", name: str, value: float | list[float], std: float | None) -> str:
-
     unit = unit_of(name)
     if not unit:
         units = ", ".join(UNITS)
@@ -215,7 +208,6 @@ def _into_parameters(campaign: "Campaign", name: str, value: float | list[float]
 
 
 def _print_json(sections: "dict[str, Section]", outdated: "Mapping[str, Sequence[str]]") -> None:
-
     content = {
         "command": "parameters",
         "sections": {
@@ -236,7 +228,6 @@ def _print_json(sections: "dict[str, Section]", outdated: "Mapping[str, Sequence
 
 
 def _print_tables(sections: "dict[str, Section]", outdated: "Mapping[str, Sequence[str]]") -> None:
-
     if not sections:
         echo("no parameters yet: `cfid fit --help` lists the fits, `cfid set` stores a value.")
     for name, section in sections.items():

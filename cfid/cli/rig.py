@@ -48,7 +48,6 @@ def check(
 
     Example: [bold]cfid rig check --signals[/bold]
     """
-
     rig = rig_of(or_real=True)
     devices, stated, hardware = rig.devices, rig.campaign.rig, rig.hardware
     hand_held = {"tachometer": devices.tachometer, "scales": devices.scales}
@@ -66,7 +65,6 @@ def check(
 
 def _judged_signals(rig: "Rig", identified: "Mapping[str, Sequence[DeviceAnswer]]", *, for_s: float) -> "Answers":
     """Sample the devices that answered, and judge their signals; a device that fails has a fault in its place."""
-
     devices, stated, hardware = rig.devices, rig.campaign.rig, rig.hardware
     counts_per_turn = stated.encoder.counts_per_turn
     ready: dict[str, Callable[[ExitStack], Instrument]] = {
@@ -91,7 +89,6 @@ def _judged_signals(rig: "Rig", identified: "Mapping[str, Sequence[DeviceAnswer]
 
 def report_answers(command: str, answers: "Mapping[str, Sequence[DeviceAnswer]]", *, simulated: bool) -> None:
     """Print the answers of the devices. Raises DeviceError, which names the devices with a fault."""
-
     if program().json:
         content = {name: [answer._asdict() for answer in own] for name, own in answers.items()}
         echo(encoder.dumps({"command": command, "simulated": simulated, "devices": content}, indent=2))

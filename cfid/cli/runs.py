@@ -43,7 +43,6 @@ def show_runs(
 
     Example: [bold]cfid runs[/bold]
     """
-
     if context.invoked_subcommand is None:
         folder = here().runs_folder
         _print_runs(list_runs(folder))
@@ -81,13 +80,11 @@ def note(
 
     Example: [bold]cfid runs note last battery=B4[/bold]
     """
-
     check(text)
     _amend(run, note=text, message=f"note added: {text}" if text else "has no note any more")
 
 
 def _amend(word: str, *, message: str, excluded: str | None = None, note: str | None = None) -> None:
-
     for run in _meant(word):
         if run.grows:
             raise ConfigError(f"{run.folder.name}: is still being recorded: wait until it has ended.")
@@ -103,7 +100,6 @@ def _meant(word: str) -> "list[Run]":
 
     Raises ConfigError when no run matches, and DataError for an unreadable run.
     """
-
     runs_folder = Path() if (Path(word) / RUN_FILE).is_file() else here().runs_folder
     if (runs_folder / word / RUN_FILE).is_file():
         return [read_run(runs_folder / word)]
@@ -122,7 +118,6 @@ def _meant(word: str) -> "list[Run]":
 
 
 def _print_runs(runs: "list[Run | DataError]") -> None:
-
     rows = [(_row(run), run) for run in runs if not isinstance(run, DataError)]
     words = lasts([run for _, run in rows])
     broken = [str(run) for run in runs if isinstance(run, DataError)]
@@ -151,7 +146,6 @@ def _cells(row: Mapping[str, Any], run: "Run", words: "Sequence[str]") -> "list[
 
     `words` are those that mean the run, such as `last`; they begin its note.
     """
-
     note = "; ".join(filter(None, [", ".join(words), _note(run, whole=False)]))
     cells = (row["run"], run.outcome, row["rows"], row["lost"], note)
     return [Text(printable(str(cell))) for cell in cells]

@@ -75,7 +75,6 @@ def _outcome(views: "Sequence[View]", faults: tuple[str, ...], *, draws: bool) -
 
 def _verdict(path: "Path") -> list[str]:
     """Return the reason why a run is not usable, from its verdict; nothing for any other recording."""
-
     run = run_holding(path)
     verdict = None if run is None else run.header.verdict
     return [] if verdict is None or verdict.usable else [f"not usable: {verdict.text}"]

@@ -18,7 +18,6 @@ LABEL = "What is recorded"
 
 def _checked(note: str | None) -> str | None:
     """Return the note, checked for a run that will be recorded. Raises ConfigError as `cfid runs note` does."""
-
     check(note or "")
     return note
 
@@ -70,7 +69,6 @@ def label_of(
 
     Raises ConfigError.
     """
-
     body = body or ("crazyflie" if axis else None)
     if axis and weight:
         raise ConfigError("--axis is for a swing and --weight for a dropping weight: give one of them.")
@@ -90,7 +88,6 @@ def with_load(label: "Label", pull: str | None, at_mm: str | None) -> "Label":
 
     Raises ConfigError for a place or a weight that lacks a required option.
     """
-
     if pull is None and (at_mm or label.weight_g):
         raise ConfigError("a weight needs --pull: the axis of the load cell along which gravity points.")
     if at_mm and not label.weight_g:

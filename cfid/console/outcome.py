@@ -57,12 +57,12 @@ def deliver(result: Result, delivery: Delivery, workplace: "Workplace", *, keep:
     then kept without numbers. Raises ConfigError where no figure can be written; the result is then printed, but not
     kept.
     """
-    if (results := _taken.get()) is not None:
-        results.append(result)
-        return
     from cfid.records.plausibility import judged
 
     result = judged(result, workplace.own_rig)
+    if (results := _taken.get()) is not None:
+        results.append(result)
+        return
     if result.folder is None:
         result = replace(result, folder=workplace.figures)
     campaign = workplace.campaign if keep else None

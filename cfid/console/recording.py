@@ -65,7 +65,6 @@ def rig_of(*, or_real: bool = False) -> Rig:
     Raises ConfigError where the simulated rig was killed, so that a command meant for it starts no real motor. With
     `or_real`, the devices are then those of rig.toml, and a note is printed.
     """
-
     from cfid.rig.hardware import present
     from cfid.rig.sim_file import SIM_FILE, is_left_behind
 
@@ -154,7 +153,6 @@ def attempt(
     plan: "Plan", instruments: "Sequence[Instrument]", hardware: "Hardware", live: LiveLine
 ) -> "tuple[Run | None, CfidError | None]":
     """Record a run; return the run, or None where run.toml does not state how it ended, and the error that ended it."""
-
     from cfid.rig.run import record_run
 
     folders: list[Path] = []
@@ -182,7 +180,6 @@ def attempt(
 
 def _closed(folder: Path) -> "Run | None":
     """Return a run that was closed, or None where its run.toml could not be written or is missing."""
-
     try:
         run = read_run(folder)
     except DataError:

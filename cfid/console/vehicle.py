@@ -56,7 +56,6 @@ LOG_MS = 10  # between rows of the vehicle's log while motors turn
 
 def reach(uri: str | None, rig: Rig, held: ExitStack) -> "ReadyVehicle":
     """Connect to the chosen vehicle and note what the operator should know about it. Raises DeviceError."""
-
     from cfid.rig.ready_vehicle import connect_vehicle
 
     setting = rig.devices.crazyflie

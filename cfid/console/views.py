@@ -75,7 +75,6 @@ def views_of(word: str, workplace: Workplace) -> tuple[list[View], tuple[str, ..
     A file outside a run is identified by its columns. Raises DataError when nothing can be read, and ConfigError for a
     file that needs an option of `cfid import`.
     """
-
     recording = read_recording(find_recording(word, workplace))
     of_rig = counts_of_rig(recording, workplace)
     if recording.run is None:
@@ -108,7 +107,6 @@ def _angle_view(device: str, record: "AngleRecord") -> View:
     import numpy as np
 
     def draw() -> "Figure":
-
         return recording_figure(record, title=record.name)
 
     return View(
@@ -128,7 +126,6 @@ def _angle_view(device: str, record: "AngleRecord") -> View:
 def _wrench_view(device: str, record: "WrenchRecord") -> View:
 
     def draw() -> "Figure":
-
         return wrench_figure(record, title=record.name)
 
     # Draw means, since single samples of a vibration would alias into a false curve.
@@ -149,7 +146,6 @@ def _wrench_view(device: str, record: "WrenchRecord") -> View:
 
 def _means(record: "WrenchRecord") -> dict[str, Parameter]:
     """Return means and scatter of forces and torques: as vectors, or axis by axis for a load cell with fewer axes."""
-
     if record.axes == AXES:
         return {
             "mean_n": Parameter(value=record.force_n.mean(axis=0), unit="N"),
@@ -166,7 +162,6 @@ def _means(record: "WrenchRecord") -> dict[str, Parameter]:
 
 
 def _device_view(recording: "Recording", device: str) -> View:
-
     series = recording.series.get(device)
     if series is None:
         raise DataError(f"{recording.path}: {device} has no rows.")
@@ -187,7 +182,6 @@ def _device_view(recording: "Recording", device: str) -> View:
 
 def _log_views(recording: "Recording") -> list[View]:
     """Return a view of every series of a log."""
-
     several = list(recording.series.values())
     most = sorted(several, key=lambda one: (not any(column.unit for column in one.columns), -one.rows))[:_MOST_FIGURES]
     views = []
@@ -257,7 +251,6 @@ def _series_view(series: "Series", *, title: str, notes: tuple[str, ...]) -> Vie
     first = next((one.name for one in series.columns if one.unit), next(iter(columns)))
 
     def draw() -> "Figure":
-
         drawn = {name: values[::step] for name, values in columns.items()}
         axis = "row" if series.time_s is None else "time (s)"
         return device_figure(along[::step], drawn, title=title, notes=notes, along=axis)

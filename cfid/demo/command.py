@@ -31,7 +31,6 @@ def demo(
 
     Example: [bold]cfid demo my-demo --seed 7[/bold]
     """
-
     if folder.is_dir() and any(folder.iterdir()):
         raise ConfigError(f"{folder} is not empty: delete it, or give another folder.")
     drawn = demo_truth(seed) if truth is None else load_truth(truth)

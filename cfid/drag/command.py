@@ -159,7 +159,6 @@ def wind_setting(
     wind: str | None, angle: float | None, fan_voltage: float | None, azimuth_deg: float | None
 ) -> "WindSetting":
     """Return the wind setting. Raises ConfigError for one that is incomplete or impossible."""
-
     if wind is None:
         raise ConfigError("give --wind MIN,MAX, the lowest and highest wind around the vehicle; 0 for references.")
     low, high = _speeds(wind)
@@ -176,7 +175,6 @@ def wind_setting(
 
 def wind_staircase(commands: str, hold: float = _HOLD_S, rest: float = _REST_S) -> "StaircasePlan":
     """Return the commands as a staircase of all motors. Raises ConfigError for impossible ones."""
-
     steps = comma_list(commands, "--commands", int, least=0, most=FULL_COMMAND, example="0,10000")
     if not any(steps):
         raise ConfigError(f"--commands {commands}: no motor turns: give one above 0.")
@@ -189,7 +187,6 @@ def wind_staircase(commands: str, hold: float = _HOLD_S, rest: float = _REST_S) 
 
 
 def _speeds(text: str) -> tuple[float, float]:
-
     example = "2.0,3.7, or 0 for references"
     low, *others = comma_list(text, "--wind", float, least=0, most=FASTEST_MPS, example=example)
     high = others[-1] if others else low
@@ -200,12 +197,10 @@ def _speeds(text: str) -> tuple[float, float]:
 
 def _tachometer_of(resume: Path | None) -> str:
     """Return whether readings were typed in the run to resume; `typed` for a new run."""
-
     return "typed" if resume is None or READINGS in read_run(resume).header.devices else "none"
 
 
 def _announce(setting: "WindSetting", staircase: "StaircasePlan", done: "Sequence[PlannedRun]", *, asks: bool) -> None:
-
     echo(setting.sentence)
     announce(staircase)
     if asks:
@@ -216,7 +211,6 @@ def _announce(setting: "WindSetting", staircase: "StaircasePlan", done: "Sequenc
 
 def _missing(done: "Sequence[PlannedRun]") -> tuple[Mapping[str, Any], Sequence[str]]:
     """Return the thesis' runs that the campaign lacks, as for --json, and lines on incomplete wind settings."""
-
     left = {"value": len(missing_runs(done)), "std": None, "unit": "1"}
     lines = missing_lines(done)
     begun = [line for line in lines if not line.endswith(WHOLE)]
@@ -227,7 +221,6 @@ def _missing(done: "Sequence[PlannedRun]") -> tuple[Mapping[str, Any], Sequence[
 
 
 def _recorded(campaign: "Campaign", *, simulated: bool) -> "list[PlannedRun]":
-
     return recorded(wind_runs(campaign, simulated=simulated))
 
 

@@ -61,7 +61,6 @@ def export(
 
     Example: [bold]cfid export crazyflow[/bold]
     """
-
     opened = here()
     vehicle, values = _collected(opened)
     if target == LIST:
@@ -92,7 +91,6 @@ def export(
 
 def _collected(campaign: Campaign) -> tuple[ExportVehicle, Values]:
     """Return a campaign's vehicle and values. Raises DataError if a kept fit cannot be read."""
-
     note_earlier_parameters(campaign)
     if note_unreadable_fits(campaign):
         raise DataError("an export needs all kept fits: restore those that cannot be read, or move them out of fits/.")
@@ -120,7 +118,6 @@ def _write(contents: Mapping[Path, bytes], *, force: bool) -> None:
 
 
 def _write_samples(vehicle: ExportVehicle, values: Values, folder: Path, *, count: int, seed: int, force: bool) -> None:
-
     refuse(EVERYTHING, vehicle, values, force=force)
     samples = draw(vehicle, values, count=count, seed=seed)
     marks = warnings(EVERYTHING, vehicle)
@@ -144,8 +141,10 @@ def _write_samples(vehicle: ExportVehicle, values: Values, folder: Path, *, coun
 
 
 def _print_list(campaign: Campaign, vehicle: ExportVehicle, *, json: bool) -> None:
-
-    rows = [_row(target, vehicle) for target in targets(campaign.folder).values()]
+    listed, faults = targets(campaign.folder)
+    for fault in faults:
+        note(str(fault))
+    rows = [_row(target, vehicle) for target in listed.values()]
     if json:
         echo(encoder.dumps({"command": "export list", "targets": rows, "version": __version__}, indent=2))
         return

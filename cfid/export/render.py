@@ -90,7 +90,7 @@ def _own_body(target: Target, vehicle: ExportVehicle) -> str:
     except Exception as error:  # whatever an expression in a template raises
         rows = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == "<template>"]
         place = f", line {getattr(error, 'lineno', None) or (rows or [1])[-1]}"
-        raise ConfigError(f"{target.name}.j2{place}: {type(error).__name__}: {error}.") from None
+        raise ConfigError(f"{target.name}.j2{place}: {type(error).__name__}: {str(error).rstrip('.')}.") from None
     if len(body) > _LARGEST_BYTES:
         raise ConfigError(f"{target.name}.j2: gives a file of more than {_LARGEST_BYTES} characters.")
     return body

@@ -85,13 +85,15 @@ def atoms(need: str) -> list[str]:
     return need.replace("+", "|").split("|")
 
 
-def targets(campaign: Path) -> dict[str, Target]:
-    """Return all targets by name, with those of the campaign's own templates.
-
-    Raises ConfigError for an invalid template of the campaign.
-    """
-    templates = sorted(path for path in (campaign / FOLDER).glob("*.j2") if path.is_file())
-    return _shipped() | {path.stem: _own(path) for path in templates}
+def targets(campaign: Path) -> tuple[dict[str, Target], list[ConfigError]]:
+    """Return all targets by name, with those of the campaign's own templates, and the faults of invalid templates."""
+    found, faults = dict(_shipped()), list[ConfigError]()
+    for path in sorted(path for path in (campaign / FOLDER).glob("*.j2") if path.is_file()):
+        try:
+            found[path.stem] = _own(path)
+        except ConfigError as fault:
+            faults.append(fault)
+    return found, faults
 
 
 def target_named(name: str, campaign: Path) -> Target:
@@ -122,11 +124,15 @@ def _own(path: Path) -> Target:
             text = file.read(_LARGEST + 1)
         if len(text) > _LARGEST:
             raise ConfigError(f"{path}: longer than {_LARGEST} characters.")
-        return _target(path.stem, text, own=True)
+        target = _target(path.stem, text, own=True)
     except ValidationError as error:
         raise ConfigError(f"{path}: head: {first_fault(error, {})}") from None
     except (OSError, ValueError, RecursionError) as error:  # text that is no UTF-8 or no TOML, too
-        raise ConfigError(f"{path}: no template with a head, which is TOML between {{# and #}}: {error}.") from None
+        reason = str(error).rstrip(".")
+        raise ConfigError(f"{path}: no template with a head, which is TOML between {{# and #}}: {reason}.") from None
+    if target.file_name.endswith(".j2") or target.file_name in {shipped.file_name for shipped in _shipped().values()}:
+        raise ConfigError(f"{path}: head: file_name: {target.file_name} is the name of another file of {FOLDER}.")
+    return target
 
 
 def _target(name: str, text: str, *, own: bool = False) -> Target:

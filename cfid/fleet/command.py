@@ -66,7 +66,6 @@ def fleet(
 
     Example: [bold]cfid fleet vehicle-1 vehicle-2 vehicle-3[/bold]
     """
-
     if out is not None and out.suffix not in _SUFFIXES:
         raise ConfigError(f"{out}: should end in {', '.join(_SUFFIXES)}.")
     places, faults = campaign_folders(folders or [], index)

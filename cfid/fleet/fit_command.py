@@ -47,7 +47,6 @@ def fleet_fit(
 
     Example: [bold]cfid fleet fit vehicles/* --out refitted --set peaks=12[/bold]
     """
-
     campaigns, faults = campaign_folders(folders or [], index)
     campaigns = [folder for folder in campaigns if folder != os.path.realpath(out)]  # a glob may match it too
     changes = changes_of(changed or [], method)

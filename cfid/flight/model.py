@@ -84,7 +84,6 @@ def equations_of(flight: Flight) -> EquationsOf:
     that delay. The last few equations are cached: for a slope over the gyro's delay, those of the accelerometer stay
     the same.
     """
-
     along_z = _others_along_z(flight)
 
     @lru_cache(_KEPT)

@@ -95,7 +95,6 @@ def _typed(question: str) -> str:
 
 def _status(campaign: "Campaign", kind: "CampaignKind | None") -> "Status":
     """Return the state of a campaign; print a note on each run that cannot be read."""
-
     note_unreadable_fits(campaign)
     found = status_of(campaign, kind=kind)
     for error in found.unreadable:
@@ -110,7 +109,6 @@ def _run_instead(words: tuple[str, ...], campaign: "Campaign") -> None:
 
 
 def _print(found: "Status") -> None:
-
     table = Table(box=SIMPLE, pad_edge=False)
     for heading in ("fit", "runs", "state", "how sure", "what for"):
         width = 5 if heading == "how sure" else None  # keeps "4.2 %" on one line
@@ -129,7 +127,6 @@ def _print(found: "Status") -> None:
 
 
 def _print_json(found: "Status") -> None:
-
     content = {
         "command": "status",
         "tasks": [

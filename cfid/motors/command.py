@@ -41,7 +41,6 @@ def staircase_of(
     motors: tuple[int, ...], first: int, last: int, step: int, *, down: bool, hold_s: float, rest_s: float
 ) -> "StaircasePlan":
     """Return a staircase of commands. Raises ConfigError for one without steps, and for impossible times."""
-
     steps = tuple(range(first, last + 1, step))
     if not steps:
         raise ConfigError(f"--from {first} --to {last}: there is no command between them.")
@@ -208,7 +207,6 @@ def announce(staircase: "StaircasePlan") -> None:
 
 def _tachometer_of(word: Path | None, campaign: "Campaign") -> Tachometer:
     """Return the instrument of the run to resume, or `typed` for a new run and where that run states none."""
-
     if word is None:
         return "typed"
     stated = read_run(interrupted(word, campaign, kind="speed")).header.requested.get("tachometer")
@@ -217,7 +215,6 @@ def _tachometer_of(word: Path | None, campaign: "Campaign") -> Tachometer:
 
 def _scales_of(word: Path | None, campaign: "Campaign") -> Mapping[str, Any]:
     """Return what the run.toml of the run to resume states about scales at a port; empty where it had none."""
-
     if word is None:
         return {}
     record = read_run(interrupted(word, campaign, kind="scales")).header.devices.get(SCALES)

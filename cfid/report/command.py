@@ -36,7 +36,6 @@ def report(
 
     Example: [bold]cfid report --format tex[/bold]
     """
-
     found = here()
     formats: dict[str, Format] = {"": "html", **{f".{one}": one for one in get_args(Format)}}
     # a file name that is only a suffix, such as .md, also states a format

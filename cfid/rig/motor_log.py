@@ -144,6 +144,8 @@ async def _applied(vehicle: Vehicle, *, for_s: float = _LOOK_S) -> list[float]:
                 await block.delete()
                 return largest
     raise DeviceError(f"{vehicle.uri}: no row of the motors' log came within {_ROW_S:g} s, in {_LOOKS} looks.")
+
+
 def _beyond(most: Sequence[int], applied: Sequence[float], idle_thrust: int) -> bool:
     return any(command > max(high, idle_thrust) + _RESOLUTION for high, command in zip(most, applied, strict=True))
 

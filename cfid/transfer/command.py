@@ -145,7 +145,6 @@ def _read(
     offset: float,
 ) -> "SineSet":
     """Read the index and the runs. Raises ConfigError and DataError."""
-
     arm = measured(arm_mm, "--arm-mm")
     return read_sines(
         [find_recording(word, workplace) for word in words],
@@ -204,7 +203,6 @@ def _function(workplace: Workplace) -> tuple["TransferFunction", frozenset[str]]
 
     Raises ConfigError where there is none, DataError where it is incomplete.
     """
-
     if workplace.campaign is None:
         raise ConfigError("no campaign here that has a transfer function: run `cfid tf identify` in one first.")
     values = workplace.campaign.values()
@@ -258,13 +256,11 @@ class SineChoice:
         return sweep
 
     def _planned(self) -> "SineSweep":
-
         if self.plan == _USUAL_PLAN:
             return log_spaced(self.samples or _USUAL_N)
         return THESIS_FIRST if self.plan == "thesis-first" else THESIS_SECOND
 
     def _named(self) -> "SineSweep":
-
         assert self.periods is not None
         if self.plan != _USUAL_PLAN:
             raise ConfigError(f"--periods and --plan {self.plan}: give one of them.")
@@ -284,7 +280,6 @@ def seconds_of_each(sweep: "SineSweep") -> float:
 
 def _series_of(word: Path, campaign: "Campaign") -> "SineSweep":
     """Return the series of a run of `cfid log sine`. Raises ConfigError for a run of something else."""
-
     run = read_run(interrupted(word, campaign, kind="sine"))
     if run.header.family != "sine":
         raise ConfigError(f"{run.folder}: is no run of `cfid log sine` that could be resumed.")

@@ -100,7 +100,8 @@ def test_a_fit_of_runs_is_repeated_with_the_same_numbers_and_one_of_files_is_ref
     content = json.loads(path.read_text())
     content["section"]["parameters"]["friction.coulomb_nm"]["value"] *= 1.01
     path.write_text(json.dumps(content))
-    assert "friction.coulomb_nm: " in cfid("fits", "repeat", stem, folder=bodies).stdout
+    moved = cfid("fits", "repeat", stem, folder=bodies)
+    assert (moved.returncode, "friction.coulomb_nm: " in moved.stdout) == (5, True)
 
 
 def test_a_value_set_by_hand_counts_before_a_fit(cfid: Cfid, lab: Path) -> None:

@@ -12,7 +12,7 @@ from cfid.export.render import rendered
 from cfid.export.target import targets
 from cfid.export.vehicle import ExportVehicle
 
-TARGETS = targets(Path())
+TARGETS, _ = targets(Path())
 
 
 def export(name: str, vehicle: ExportVehicle) -> str:
