@@ -346,7 +346,10 @@ def _command(
 ) -> Column | None:
     """Return commands from 0 to 65535, None where the table has none, and add findings on how they were read."""
     column = known["command"][0] if "command" in known else None
-    pulses = column is not None and factor(column.unit or "-", "s") is not None
+    named_by_controller = column is not None and re.match("esc|throttle", column.head.lower()) is not None
+    unit = "" if column is None else column.unit or ("us" if how.esc_us and named_by_controller else "-")
+    in_pulses = factor(unit, "s")
+    pulses = in_pulses is not None
     dshot = column is not None and how.dshot and not pulses
     how.refuse_unused(series.path, *OF_TABLES, "motors", *(["esc_us"] if pulses else []), *(["dshot"] if dshot else []))
     if column is None:
@@ -358,8 +361,8 @@ def _command(
         return np.asarray((values.clip(low) - low) / (high - low) * FULL_COMMAND)
 
     largest = float(np.nanmax(column.values))
-    if pulses:
-        us = 1e6 * (factor(column.unit, "s") or 1.0)
+    if in_pulses is not None:
+        us = 1e6 * in_pulses
         low, high = how.esc_us or USUAL_ESC_US
         values = np.rint(scaled(_LONGEST_PULSE_US / us, low / us, high / us))
         if np.nanmax(values) > FULL_COMMAND:
@@ -390,7 +393,7 @@ def _command(
                 f"`unit` {column.name}=% (0 to 100), =fraction (0 to 1) or =us (pulse widths), or give `esc_us` dshot.",
                 code="no-unit",
             )
-    of_controller = pulses or dshot or re.match("esc|throttle", column.head.lower())
+    of_controller = pulses or dshot or named_by_controller
     return Column(name="throttle" if of_controller else "cmd", unit="", values=values, head=column.head)
 
 

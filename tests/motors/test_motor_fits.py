@@ -293,7 +293,7 @@ def test_a_saturated_load_cell_is_told(cfid: Cfid, campaign: Path) -> None:
         ("fit thrust", 2),
         ("fit thrust abc=file.csv", 2),
         ("fit thrust 2000=missing.csv", 4),
-        ("fit thrust 2000=x.csv --from 5", 2),
+        ("fit thrust 2000=x.csv --from 5 --to 4", 2),
         ("fit speed --table missing.csv", 4),
         ("fit speed missing --expect 5", 2),
     ],
@@ -306,6 +306,7 @@ def test_what_cannot_be_meant_so_is_refused(cfid: Cfid, words: str, code: int) -
 
 def test_without_a_word_the_campaigns_complete_staircases_are_taken(cfid: Cfid, campaign: Path) -> None:
     run = write_run(campaign, climbed((0, 16000, 32000, 48000), hold_s=1.5), steps=(0, 16000, 32000, 48000))
+    assert cfid("fit", "thrust", run.folder, "--from", 2).returncode == 2  # a run has its own windows
     named = content_of(cfid, "fit", "thrust", run.folder, "--campaign", campaign)["parameters"]
     taken = cfid("fit", "thrust", "--campaign", str(campaign), "--json")
 

@@ -151,6 +151,7 @@ def test_what_a_table_does_not_say_or_cannot_mean_is_one_question(
         ("pwm,thrust_n\n1000,0\n1500,1\n2000,2\n", How(units={"pwm": "us"})),
         ("pwm,thrust_n\n0,0\n1047.5,1\n2047,2\n", How(dshot=True)),
         ("ESC signal (us),thrust_n\n1100,0\n1650,1\n2200,2\n", How(esc_us=(1100, 2200))),
+        ("throttle,thrust_n\n1100,0\n1650,1\n2200,2\n", How(esc_us=(1100, 2200))),
         ("0,0\n32768,1\n65535,2\n", How(columns=("cmd=1", "thrust=2"), units={"thrust": "N"})),
         ("cmd,thrust_n,thrust_n\n0,7,0\n32768,7,1\n65535,7,2\n", How(columns=("thrust_n=3",))),
         ("cmd;thrust_n\n0,0;0\n32768,0;1,0\n65535;2\n", How(decimal=",")),

@@ -1,5 +1,6 @@
 """`cfid fit thrust`, `cfid fit speed` and `cfid fit torque`: from steady points of the motors to maps."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -169,12 +170,13 @@ def torque(
 
 
 def _window(from_s: float | None, to_s: float | None) -> tuple[float, float] | None:
-    """Return the window to use in every file, in seconds; None for all of it. Raises ConfigError for half a window."""
+    """Return the window to use in every file, in seconds; None for all of it. Raises ConfigError for an empty one."""
     if from_s is None and to_s is None:
         return None
-    if from_s is None or to_s is None or from_s >= to_s:
-        raise ConfigError("--from and --to: a window of a file has both, the first below the second.")
-    return from_s, to_s
+    begin_s, end_s = from_s or 0.0, math.inf if to_s is None else to_s
+    if begin_s >= end_s:
+        raise ConfigError(f"--from {begin_s:g} --to {end_s:g}: the window is empty.")
+    return begin_s, end_s
 
 
 def _rotors(number: int | None, blades: int, expect: str | None) -> "Rotors":

@@ -279,6 +279,10 @@ def _plain(record: WrenchRecord, points: Points, *findings: Finding) -> Evidence
 
 def of_run(run: Run, stand: Stand, *, rotors: Rotors | None = None) -> Evidence:
     """Return what a run measured of a motor: a staircase on the load cell, typed readings, or speeds it reported."""
+    if stand.window_s is not None:
+        raise ConfigError(
+            f"{run.folder.name}: it states when commands were held: a window is for files of one command."
+        )
     ran = run.header.requested.get("motors")
     refuse_contradiction(run.folder.name, {"`motors`": stand.motors}, {"`motors`": ran and len(ran)})
     stand = stand.where(run.header.rig)
