@@ -137,6 +137,7 @@ def _rate(record: DeviceRecord, sampled: Sampled, limits: CheckLimits) -> list[D
 
 
 def _angle_at_rest(record: DeviceRecord, sampled: Sampled, limits: CheckLimits) -> list[DeviceAnswer]:
+    """Judge noise, with a warning at most, since a pendulum may swing, as the simulated one does, and drift."""
     in_radians = (record.model_extra or {}).get("angle_unit") == "rad"
     counts_per_turn = math.tau if in_radians else record.counts_per_turn or math.nan
     degrees = np.unwrap(360 * turns_of(sampled.columns["phi"], counts_per_turn).turns, period=360)
@@ -144,7 +145,7 @@ def _angle_at_rest(record: DeviceRecord, sampled: Sampled, limits: CheckLimits) 
     moved, advice = float(np.ptp(degrees)), "let the pendulum hang still, and nothing touch it"
     return [
         _answer("noise", f"{moved:.2g} degrees between extremes", f"{limits.noise_deg:g}", advice,
-                within=moved <= limits.noise_deg),
+                within=moved <= limits.noise_deg, beyond="warning"),
         _answer("drift", f"{drift[0]:.2g} degrees", f"{limits.drift_deg:g}", advice,
                 within=sure[0] <= limits.drift_deg),
     ]  # fmt: skip
@@ -196,9 +197,8 @@ def _battery(volts: float, limits: CheckLimits, plan: Sequence[Held]) -> DeviceA
     if lasting is not None:
         answer = f"{answer}: about {lasting.charge:.0%}, lasts {clock(lasting.lasts_s)} min at this plan's currents"
         limit, within = f"{clock(lasting.takes_s)} min, on a cell of {CELL_MAH:g} mAh", lasting.enough
-    state: State = "ok" if within else "warning"
-    return DeviceAnswer(_CHARGE, state, answer, "" if within else "charge it, or record in parts", limit)
+    return _answer(_CHARGE, answer, limit, "charge it, or record in parts", within=within, beyond="warning")
 
 
-def _answer(asked: str, answer: str, limit: str, advice: str, *, within: bool) -> DeviceAnswer:
-    return DeviceAnswer(asked, "ok" if within else "fault", answer, "" if within else advice, limit)
+def _answer(asked: str, answer: str, limit: str, advice: str, *, within: bool, beyond: State = "fault") -> DeviceAnswer:
+    return DeviceAnswer(asked, "ok" if within else beyond, answer, "" if within else advice, limit)

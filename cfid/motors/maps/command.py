@@ -132,6 +132,8 @@ def speed(
     rotors = _rotors(motors if vibration else None, blades, expect)
     workplace = open_workplace(geometry)
     if vibration:
+        if table is not None or markers is not None:
+            raise ConfigError("--vibration reads a load cell: leave --table and --markers out.")
         result = fit_vibration(_wrench(runs, workplace), rotors=rotors, from_s=from_s, to_s=to_s)
     else:
         stand = Stand(motors=motors, markers=markers, window_s=_window(from_s, to_s))
