@@ -59,7 +59,7 @@ def options_first(words: Sequence[str]) -> list[str]:
     for word in remaining:
         if word == "--":
             rest += [word, *remaining]
-        elif word in FLAGS or word.startswith("--campaign="):
+        elif word in FLAGS or word.startswith("--campaign=") or (word.startswith("-C") and word != "-C"):
             front.append(word)
         elif word in CAMPAIGN:
             value = next(remaining, None)

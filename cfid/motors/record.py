@@ -15,8 +15,7 @@ from cfid.console.vehicle import LOG_MS, confirm, reach, refuse
 from cfid.console.verdicts import Judge
 from cfid.counted import counted
 from cfid.errors import ConfigError
-from cfid.motors import plan as motor_plan
-from cfid.motors.plan import Expected, StaircasePlan, expected_of
+from cfid.motors.plan import WAIT_S, Expected, StaircasePlan, expected_of
 from cfid.records.rig_file import LoadCellDevice
 from cfid.records.run import Label
 from cfid.rig.hand_held import Readings, Scales, Ut372, find_ut372
@@ -140,7 +139,7 @@ def _record(
     rig, question = wanted.rig, wanted.question
     staircase, stated = wanted.staircase, rig.campaign.rig
     if question is not None:
-        staircase = replace(staircase, wait_s=motor_plan.WAIT_S)
+        staircase = replace(staircase, wait_s=WAIT_S)
     live = LiveLine()
     with ExitStack() as held:
         loadcell = None if cell is None else ready_loadcell(cell, rig.hardware, held, say=live.say, patient=False)

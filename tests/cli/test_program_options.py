@@ -16,6 +16,7 @@ from tests.lab import Cfid, new_campaign
         ["-C", "{campaign}", "--json", "runs"],
         ["runs", "--json", "-C", "{campaign}"],
         ["--json", "runs", "--campaign={campaign}"],
+        ["runs", "-C{campaign}", "--json"],
         ["runs", "--campaign", "{campaign}", "--json", "--quiet", "--yes"],
     ],
 )

@@ -9,7 +9,7 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from cfid.motors import plan as motor_plan
+from cfid.motors.plan import WAIT_S
 from cfid.recordings.vehicle import read_rows
 from cfid.records.files import RIG_FILE
 from cfid.records.run import Run
@@ -144,19 +144,12 @@ TIMES = ("--hold", HOLD_S, "--rest", 0.2, "--yes")
 STAIRS = ("--from", 20000, "--to", 30000, "--step", 10000, "--motor", 1, *TIMES)
 
 
-@pytest.fixture
-def wait_s(monkeypatch: pytest.MonkeyPatch) -> float:
-    """How long motors are held for a typed reading, shortened."""
-    monkeypatch.setattr(motor_plan, "WAIT_S", 2.0)
-    return 2.0
-
-
-def wait_for_pause(bench: Bench, pilot: Pilot, wait_s: float) -> None:
+def wait_for_pause(bench: Bench, pilot: Pilot) -> None:
     """Wait until motors ran, for as long as they are held for a reading."""
     pilot.wait_until_motors_run(0.0)
     begun_s = bench.history[-1][0]
     pilot.wait_until(lambda: not any(bench.motors), "a pause")
-    assert bench.history[-1][0] - begun_s == pytest.approx(HOLD_S + wait_s, abs=0.05)
+    assert bench.history[-1][0] - begun_s == pytest.approx(HOLD_S + WAIT_S, abs=0.05)
 
 
 def check_times(run: Run) -> None:
@@ -167,9 +160,9 @@ def check_times(run: Run) -> None:
     assert held(run) == [0, 20000, 0, 20000, 0, 30000, 0]
 
 
-def test_motors_pause_where_nobody_answers_and_the_reading_is_asked_again(bench: Bench, wait_s: float) -> None:
+def test_motors_pause_where_nobody_answers_and_the_reading_is_asked_again(bench: Bench) -> None:
     terminal = Terminal(bench, "log", "speed", *STAIRS)
-    wait_for_pause(bench, terminal.pilot, wait_s)
+    wait_for_pause(bench, terminal.pilot)
     terminal.wait_for("Enter resumes")
     paused = len(bench.history)
     terminal.pilot.go_on_for(5.0)
@@ -179,7 +172,7 @@ def test_motors_pause_where_nobody_answers_and_the_reading_is_asked_again(bench:
     terminal.answer(("Enter ends", ""))
     assert terminal.pilot.end() == 0
     assert readings(bench.run()) == [[20000, 11500], [30000, 15300]]
-    assert bench.run().header.requested["wait_s"] == wait_s
+    assert bench.run().header.requested["wait_s"] == WAIT_S
     check_times(bench.run())
 
 
