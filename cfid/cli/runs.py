@@ -153,16 +153,13 @@ def _cells(row: Mapping[str, Any], run: "Run", words: "Sequence[str]") -> "list[
 
 def _row(run: "Run") -> dict[str, Any]:
     header, devices = run.header, run.header.devices.values()
-    label = header.label
-    weight = None if label.weight_g is None else f"{label.weight_g:g} g"
-    known = [device.rows for device in devices if device.rows is not None]
     return {
         "run": run.folder.name,
-        "what": " ".join(filter(None, [header.kind, label.body, label.axis, weight])),
+        "what": run.what,
         "started": header.started.isoformat(),
         "state": run.outcome if run.cut else header.state,
         "usable": None if header.verdict is None else header.verdict.usable,
-        "rows": sum(known) if known else "?",
+        "rows": "?" if run.rows is None else run.rows,
         "lost": "?" if header.lost is None else header.lost,
         "skipped": sum(device.skipped or 0 for device in devices),
         "simulated": header.simulated,

@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cfid.console.losses import counts_of
 from cfid.console.messages import echo, fitted, printable
 from cfid.console.verdicts import verdict_line
 from cfid.counted import counted
@@ -16,13 +15,25 @@ from cfid.version import __version__
 if TYPE_CHECKING:
     from cfid.records.run import Run
 
+_SINGULAR = {  # the singular of each kind that run.toml names in the plural
+    "duplicates": "duplicate",
+    "malformed datagrams": "malformed datagram",
+    "foreign datagrams": "foreign datagram",
+    "datagrams dropped by this computer": "datagram dropped by this computer",
+    "garbled replies": "garbled reply",
+    "late replies": "late reply",
+    "device errors": "device error",
+    "polls without position": "poll without position",
+    "lines that do not match": "line that does not match",
+}
+
 
 def print_summary(run: "Run", lines: Sequence[str] = (), failure: CfidError | None = None) -> None:
     """Print a run's rows, losses and files; the failure that ended the run is printed later, when the command ends."""
     for name, device in devices_of(run).items():
         skipped = f", {device['skipped']} skipped: {device['achieved']}" if device["achieved"] else ""
         lost = "losses unknown" if device["lost"] is None else f"{device['lost']} lost"
-        counts = f"{counted(device['rows'], 'row')}, {lost}{counts_of(device)}{skipped}"
+        counts = f"{counted(device['rows'], 'row')}, {lost}{_counts_of(device)}{skipped}"
         echo(fitted(f"{name}: {counts} -> {device['file']}", indent=2))
     for line in (*lines, verdict_line(run)):
         if line:
@@ -97,3 +108,12 @@ def devices_of(run: "Run") -> dict[str, dict[str, Any]]:
             "file": str(file),
         }
     return devices
+
+
+def _counts_of(device: Mapping[str, Any]) -> str:
+    """Return the counts of a device's losses in parentheses, or "" where nothing is lost."""
+    kinds = ((count, kind.replace("_", " ")) for kind, count in device["kinds"].items() if count)
+    counts = [counted(count, _SINGULAR.get(kind, kind), kind) for count, kind in kinds]
+    if device["gaps"]:
+        counts.append(counted(device["gaps"], "gap"))
+    return f" ({', '.join(counts)})" if counts else ""

@@ -223,6 +223,19 @@ class Run:
         return self.cut and is_written(self.folder)
 
     @property
+    def what(self) -> str:
+        """What was recorded, in a few words: kind, body, mount and weight."""
+        label = self.header.label
+        weight = None if label.weight_g is None else f"{label.weight_g:g} g"
+        return " ".join(filter(None, [self.header.kind, label.body, label.axis, weight]))
+
+    @property
+    def rows(self) -> int | None:
+        """The rows of all devices; None where no device states them."""
+        known = [device.rows for device in self.header.devices.values() if device.rows is not None]
+        return sum(known) if known else None
+
+    @property
     def outcome(self) -> str:
         """The state; `cut` for a run neither closed nor being written, `not usable` for a complete run judged so."""
         state, verdict = self.header.state, self.header.verdict

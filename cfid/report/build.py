@@ -94,18 +94,15 @@ def _is_unused(run: Run, runs: Sequence[Run]) -> bool:
 def _run(run: Run) -> Content:
     """Return a recording: its name, the operator's label, its state and its losses."""
     header, devices = run.header, run.header.devices.values()
-    label = header.label
-    weight = None if label.weight_g is None else f"{label.weight_g:g} g"
-    rows = [device.rows for device in devices if device.rows is not None]
     return {
         "name": run.folder.name,
-        "what": " ".join(filter(None, [header.kind, label.body, label.axis, weight])),
+        "what": run.what,
         "state": run.outcome,
-        "rows": sum(rows) if rows else None,
+        "rows": run.rows,
         "lost": header.lost,
         "simulated": header.simulated,
         "excluded": header.excluded,
-        "note": "; ".join(filter(None, [*(device.achieved for device in devices), label.note, header.reason])),
+        "note": "; ".join(filter(None, [*(device.achieved for device in devices), header.label.note, header.reason])),
     }
 
 

@@ -61,12 +61,12 @@ def read_settings(box: LoadCellBox, hardware: Hardware) -> netft.Settings:
         ) from None
 
 
-def set_rate(box: LoadCellBox, hardware: Hardware, *, buffered: bool) -> netft.Settings:
+def set_rate(box: LoadCellBox, hardware: Hardware) -> netft.Settings:
     """Set the box' rate and its records per datagram; return its settings as read back.
 
     Raises DeviceError when the box keeps other settings.
     """
-    size = buffer_size(box.rate_hz) if buffered else 1
+    size = buffer_size(box.rate_hz)
     before = read_settings(box, hardware)
     if before.rate_hz == box.rate_hz and before.rdt_enabled and before.buffer_size == size:
         return before
@@ -131,7 +131,6 @@ def ready_loadcell(
     hardware: Hardware,
     held: ExitStack,
     *,
-    buffered: bool = True,
     bias: bool = False,
     say: Say,
     patient: bool = True,
@@ -149,9 +148,7 @@ def ready_loadcell(
     held.enter_context(DeviceLock(where))
     if bias and not hardware.run(lambda _: take_bias(box, hardware)):
         say(f"{where}: the box' page still shows the earlier bias. Check that the load reads zero now.")
-    return LoadCell(
-        box, set_rate(box, hardware, buffered=buffered), buffered=buffered, biased=bias, say=say, patient=patient
-    )
+    return LoadCell(box, set_rate(box, hardware), biased=bias, say=say, patient=patient)
 
 
 class Inbox:
@@ -192,22 +189,19 @@ class LoadCell(Instrument):
 
     name = "loadcell"
 
-    def __init__(
-        self, box: LoadCellBox, settings: netft.Settings, *, buffered: bool, biased: bool, say: Say, patient: bool
-    ) -> None:
+    def __init__(self, box: LoadCellBox, settings: netft.Settings, *, biased: bool, say: Say, patient: bool) -> None:
         """Take the box, locked, and its settings as read."""
         self._address = (box.address, box.rdt_port)
         self._settings = settings
         self._where = f"{box.address}:{box.rdt_port}"
         self._patient, self._say = patient, say
-        self._command = rdt.Command.BUFFERED if buffered else rdt.Command.REAL_TIME
         self.record = DeviceRecord.model_validate(
             {
                 "file": "loadcell.csv",
                 "columns": COLUMNS,
                 "counts_per_n": settings.counts_per_n,
                 "counts_per_nm": settings.counts_per_nm,
-                "asked": "buffered" if buffered else "real-time",
+                "asked": "buffered",
                 "rate_hz": settings.rate_hz,
                 "biased": biased,
                 "address": self._where,
@@ -215,7 +209,7 @@ class LoadCell(Instrument):
             }
         )
         self.reading = vertical_force(settings.counts_per_n)
-        self._datagram_s = (settings.buffer_size if buffered else 1) / settings.rate_hz
+        self._datagram_s = settings.buffer_size / settings.rate_hz
 
     def start(self, hardware: Hardware) -> None:
         """Open a port and request the stream."""
@@ -327,7 +321,7 @@ class LoadCell(Instrument):
         self._order.begin()
         self._is_first = True
         self._requested_s = self._hardware.seconds()
-        self._port.send(rdt.encode_request(rdt.Request(self._command)))
+        self._port.send(rdt.encode_request(rdt.Request(rdt.Command.BUFFERED)))
 
     def _newly_lost(self) -> int:
         lost = self._order.arrivals.lost + self._missing
