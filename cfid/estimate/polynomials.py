@@ -1,4 +1,4 @@
-"""Fit polynomials to measured points: coefficients with uncertainties, bands, and the order that the points support.
+"""Fit polynomials to measured points: coefficients with uncertainties, and bands.
 
 `scattered_std` increases the points' uncertainties by their scatter about a curve. `joint_covariance` is that of
 several fits to the same points: each coefficient is a weighted sum of the points, so two fits covary if the errors of
@@ -7,7 +7,7 @@ over speed may not. The residuals show this (seemingly unrelated regressions [Ze
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -20,8 +20,6 @@ from cfid.estimate.linear import Estimate, fit_linear
 from cfid.estimate.propagation import widened
 
 Array = npt.NDArray[np.float64]
-
-ORDERS = (1, 2, 3, 4)  # tried where the points may choose
 
 _CUTOFF = 1.345  # standard deviations from which Huber's loss grows linearly: 95 % efficient for normal noise [Hub]
 _MEAN_SQUARE = 0.7101645  # of normal noise with standard deviation 1, clipped there
@@ -109,14 +107,6 @@ class PolynomialFit:
         return self.quantile * np.hypot(self.std_at(x), noise)
 
 
-@dataclass(frozen=True, kw_only=True)
-class OrderChoice:
-    """The polynomial of the order with the smallest corrected AIC, and the criterion of each order tried."""
-
-    fit: PolynomialFit
-    aicc: Mapping[int, float]
-
-
 def fit_polynomial(
     x: Array,
     y: Array,
@@ -149,34 +139,6 @@ def fit_power(
 ) -> PolynomialFit:
     """Fit y = k x^power alone, with k as the first coefficient; see `fit_polynomial`."""
     return _fit(x, y, powers=(power,), std=std, shared=shared, robust=robust)
-
-
-def fit_best_order(
-    x: Array,
-    y: Array,
-    *,
-    orders: Sequence[int] = ORDERS,
-    std: Array | None = None,
-    shared: Array | None = None,
-    robust: bool = False,
-) -> OrderChoice:
-    """Fit each order that the points suffice for, and keep the one with the smallest corrected AIC [HT].
-
-    Only the ratios of the stated uncertainties count: if their size did too, drift would be mistaken for shape.
-
-    Raises FitError when the points do not suffice for any order.
-    """
-    fits = {
-        order: fit_polynomial(x, y, order=order, std=std, shared=shared, robust=robust)
-        for order in orders
-        if len(x) > order + 3
-    }
-    if not fits:
-        raise FitError(
-            f"{len(x)} points are too few to choose between orders: order {min(orders)} takes {min(orders) + 4}."
-        )
-    best = min(fits, key=lambda order: fits[order].aicc)
-    return OrderChoice(fit=fits[best], aicc={order: fit.aicc for order, fit in fits.items()})
 
 
 class _Solved(NamedTuple):

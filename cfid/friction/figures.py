@@ -44,14 +44,14 @@ _THESIS = "thesis: mean M_fr"
 
 
 @styled
-def drops_figure(drops: Sequence[Drop], *, labels: Sequence[str], title: str = "Dropped weights") -> Figure:
+def drops_figure(drops: Sequence[Drop], *, labels: Sequence[str]) -> Figure:
     """Return one row per run, with the turned angle on the left and the speed on the right.
 
     Times count from each record's first sample, as for a window set by hand. A run whose speed never settled is marked
     in red.
     """
     height_in = 1.9 if len(drops) <= _FEW_ROWS else 1.5
-    page, grid = figure(len(drops) + 1, 2, heights_in=[KEY_IN, *[height_in] * len(drops)], title=title)
+    page, grid = figure(len(drops) + 1, 2, heights_in=[KEY_IN, *[height_in] * len(drops)], title="Dropped weights")
     key_row(
         page.add_subplot(grid[0, :]),
         Line2D([], [], color=RECORDED_BELOW, lw=2.6, label="recorded"),
@@ -76,7 +76,6 @@ def friction_figure(
     *,
     radius_m: float,
     gravity_mps2: float,
-    title: str = "Friction of the axis",
 ) -> Figure:
     """Return a figure of the weights' torque against the speed of their fall, and of the thesis' coefficients.
 
@@ -86,7 +85,7 @@ def friction_figure(
     it depends on the speed, as in the first five runs of table 2.1.
     """
     notes = texts(friction.findings, "note", "warning", "rejection")
-    page, grid = figure(3, 2, heights_in=(KEY_IN, 2.9, 0.95), title=title, notes=notes)
+    page, grid = figure(3, 2, heights_in=(KEY_IN, 2.9, 0.95), title="Friction of the axis", notes=notes)
     thesis = thesis_friction(drops)
     key_row(page.add_subplot(grid[0, :]), *_key(friction, all(drop.settled for drop in drops)))
     torque_axes, coefficient_axes = page.add_subplot(grid[1, 0]), page.add_subplot(grid[1, 1])

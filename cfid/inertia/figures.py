@@ -53,7 +53,7 @@ _GROUPS = {
 
 
 @styled
-def budget_figure(fit: InertiaFit, *, axes: Sequence[str], title: str = "Inertia about the centre of mass") -> Figure:
+def budget_figure(fit: InertiaFit, *, axes: Sequence[str]) -> Figure:
     """Return the budget of the six entries, the swings' inertias, and what a millimetre of distance costs.
 
     `axes` names each swing's mount. The parts of a bar are each group's share of the variance, since standard
@@ -62,7 +62,15 @@ def budget_figure(fit: InertiaFit, *, axes: Sequence[str], title: str = "Inertia
     rejected = [f"Rejected: {text}" for text in texts(fit.findings, "rejection")]
     heights_in = (2.4, 2.1, 2.6) if fit.residual is None else (2.4, 2.1, 1.5, 2.6)
     rows, notes = len(heights_in), texts(fit.findings, "note", "warning")
-    page, grid = figure(rows, 2, heights_in=heights_in, widths=(1, 0.27), title=title, rejections=rejected, notes=notes)
+    page, grid = figure(
+        rows,
+        2,
+        heights_in=heights_in,
+        widths=(1, 0.27),
+        title="Inertia about the centre of mass",
+        rejections=rejected,
+        notes=notes,
+    )
     last = rows - 1
     budget, sensitivity = page.add_subplot(grid[0, 0]), page.add_subplot(grid[last, 0])
     key_column(page.add_subplot(grid[0, 1]), _draw_budget(budget, fit))
@@ -75,9 +83,9 @@ def budget_figure(fit: InertiaFit, *, axes: Sequence[str], title: str = "Inertia
 
 
 @styled
-def testbody_figure(comparisons: Sequence[BodyComparison], *, title: str = "Test body") -> Figure:
+def testbody_figure(comparisons: Sequence[BodyComparison]) -> Figure:
     """Return a figure of calculated against measured inertias (table 2.5), and of their differences."""
-    page, grid = figure(2, 1, heights_in=(2.6, 2.0), title=title)
+    page, grid = figure(2, 1, heights_in=(2.6, 2.0), title="Test body")
     panels = page.add_subplot(grid[0, 0]), page.add_subplot(grid[1, 0])
     _draw_pairs(panels[0], comparisons)
     _draw_differences(panels[1], comparisons)

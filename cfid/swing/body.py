@@ -121,10 +121,10 @@ def numbers(values: Uncertain) -> Array:
     return np.asarray(np.vectorize(nominal_value, otypes=[float])(values))
 
 
-def effects(values: Iterable[Any], causes: Iterable[Any] = ()) -> tuple[Array, tuple[Any, ...]]:
+def effects(values: Iterable[Any]) -> tuple[Array, tuple[Any, ...]]:
     """Return by how much each cause's standard uncertainty moves uncertain values (n,): (n, causes), and the causes."""
     slopes = [getattr(value, "derivatives", {}) for value in values]
-    causes = tuple(dict.fromkeys([*causes, *(cause for slope in slopes for cause in slope)]))
+    causes = tuple(dict.fromkeys(cause for slope in slopes for cause in slope))
     moved = [[slope.get(cause, 0.0) * cause.std_dev for cause in causes] for slope in slopes]
     return np.array(moved).reshape(len(slopes), len(causes)), causes
 

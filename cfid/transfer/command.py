@@ -105,7 +105,6 @@ def identify(
     Example: [bold]cfid tf identify 2026-11-21_083012_sine_l1 2026-11-21_083030_sine_l2 ...[/bold]
     """
     from cfid import transfer
-    from cfid.transfer.thesis import settings_of
 
     workplace = open_workplace(geometry)
     words = [] if index is not None and not runs else _chosen(runs, workplace)
@@ -114,7 +113,6 @@ def identify(
         sines,
         sign=sign,
         shape=shape,
-        settings=settings_of,
         thrust_poly=_thrust_poly(workplace),
         method=method,
     )

@@ -22,7 +22,7 @@ from cfid.errors import FitError
 from cfid.estimate.linear import fit_linear, gain_of, propagated, std_of
 from cfid.findings import Finding, note, rejection, warning
 from cfid.transfer.alignment import RecordedSine, Sign, SineSeries, align, with_end
-from cfid.transfer.frequency_response import SETTLE_S, Response, respond
+from cfid.transfer.frequency_response import Response, respond
 from cfid.transfer.model import Array, Complex, TransferFunction
 from cfid.transfer.plan import CUTOFF_HZ, above_cutoff
 
@@ -227,7 +227,7 @@ class _Solution(NamedTuple):
     cost: float
 
 
-def measure(name: str, series: SineSeries, *, settle_s: float = SETTLE_S) -> MeasuredSeries:
+def measure(name: str, series: SineSeries) -> MeasuredSeries:
     """Return the responses of a series' runs, without runs that have none. Raises FitError when none is left.
 
     The load cell's clock may run faster than the host's, with which it agrees at its first stamp: the sines'
@@ -236,7 +236,7 @@ def measure(name: str, series: SineSeries, *, settle_s: float = SETTLE_S) -> Mea
     responses, findings, errors = [], [], []
     for run in series.runs:
         try:
-            responses.append(respond(run, settle_s=settle_s))
+            responses.append(respond(run))
         except FitError as error:
             errors.append(error)
             findings.append(warning("sine-without-response", f"{error} The run is left out.", "tf.*"))
@@ -546,28 +546,26 @@ def identify(
     series: Mapping[str, Sequence[RecordedSine]],
     *,
     shape: Shape | Literal["auto"] = "first+delay",
-    settle_s: float = SETTLE_S,
-    cutoff_hz: float = CUTOFF_HZ,
     sign: Sign = "auto",
 ) -> Identified:
-    """Identify all series together and each of several by itself, from sines up to a frequency.
+    """Identify all series together and each of several by itself, from sines up to the cut-off.
 
-    `settle_s` at the start of each run is left out; shape "auto" selects the one with the least corrected AIC. Raises
+    Shape "auto" selects the one with the least corrected AIC. Raises
     DataError and FitError with a run's name.
     """
     findings = []
     used = {}
     for name, runs in series.items():
-        if above := above_cutoff([run.sine for run in runs], cutoff_hz):
+        if above := above_cutoff([run.sine for run in runs]):
             findings.append(note("sine-too-fast", f"{above} left out.", "tf.*").at(name))
-        kept, without_end = with_end([run for run in runs if run.sine.periods and not run.sine.is_above(cutoff_hz)])
+        kept, without_end = with_end([run for run in runs if run.sine.periods and not run.sine.is_above(CUTOFF_HZ)])
         findings += without_end
         if kept:
             used[name] = kept
     if not used:
-        raise FitError(f"no sine run is left up to {cutoff_hz:g} Hz: record slower ones, or raise the cut-off.")
+        raise FitError(f"no sine run is left up to {CUTOFF_HZ:g} Hz: record slower ones.")
     aligned = {name: align(runs, sign=sign) for name, runs in used.items()}
-    measured = [measure(name, runs, settle_s=settle_s) for name, runs in aligned.items()]
+    measured = [measure(name, runs) for name, runs in aligned.items()]
     for name, responses in zip(aligned, measured, strict=True):
         findings += [*aligned[name].findings, *responses.findings]
     fits = fit_shapes(measured)

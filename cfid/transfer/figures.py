@@ -31,6 +31,7 @@ from cfid.findings import SEVERITIES, texts
 from cfid.records.result import Figures
 from cfid.transfer.alignment import Reports, SineRun
 from cfid.transfer.estimation import Identified, TransferFit
+from cfid.transfer.frequency_response import SETTLE_S
 from cfid.transfer.model import Complex, TransferFunction
 from cfid.transfer.thesis import ThesisFit
 from cfid.transfer.verification import Verification
@@ -58,14 +59,14 @@ class SeriesPoints(NamedTuple):
     interval: Array | None
 
 
-def fit_figures(found: Identified, *, thesis: ThesisFit | None, settle_s: float) -> Figures:
+def fit_figures(found: Identified, *, thesis: ThesisFit | None) -> Figures:
     """Return Bode and step figures, and one run of each series, by file name."""
     figures = {"tf_bode": bode_figure(found.fit, thesis=thesis), "tf_step": step_figure(found.fit, thesis=thesis)}
     for name, series in found.aligned.items():
         apart = [abs(math.log(run.frequency_rad_s / (2 * math.pi * _EXAMPLE_HZ))) for run in series.runs]
         place = apart.index(min(apart))
         run, recorded = series.runs[place], found.used[name][place]
-        figures[f"tf_run_{name}"] = sine_run_figure(run, recorded.reports, settle_s=settle_s)
+        figures[f"tf_run_{name}"] = sine_run_figure(run, recorded.reports)
     return figures
 
 
@@ -173,12 +174,12 @@ def verification_figure(run: SineRun, found: Verification) -> Figure:
 
 
 @styled
-def sine_run_figure(run: SineRun, reports: Reports, *, settle_s: float) -> Figure:
+def sine_run_figure(run: SineRun, reports: Reports) -> Figure:
     """Return one run: commands reconstructed from its reports, the thrust during that time, and the spectra of both.
 
     Reports are drawn at their stamps, which include the radio's latency; commands are drawn when they were played.
     """
-    notes = [f"the first {settle_s:g} s are left out of the spectra, which hold whole periods"]
+    notes = [f"the first {SETTLE_S:g} s are left out of the spectra, which hold whole periods"]
     page, grid = figure(4, 2, heights_in=(KEY_IN, 2.0, 2.2, 2.0), title=f"Sine run: {run.name}", notes=notes)
     played, force = page.add_subplot(grid[1, :]), page.add_subplot(grid[2, :])
     end_s = float(run.time_s[-1])
@@ -190,7 +191,7 @@ def sine_run_figure(run: SineRun, reports: Reports, *, settle_s: float) -> Figur
     for axes in (played, force):
         axes.set_xlim(float(run.time_s[0]), end_s)
     played.tick_params(labelbottom=False)
-    hertz, commands, thrust = _spectra(run, settle_s)
+    hertz, commands, thrust = _spectra(run)
     for place, (what, amplitude, unit) in enumerate((("commands", commands, ""), ("thrust", thrust, " (N)"))):
         axes = page.add_subplot(grid[3, place])
         name_panel(axes, f"({'cd'[place]}) spectrum of {what}", x=FREQUENCY, y=f"amplitude{unit}")
@@ -224,10 +225,10 @@ def draw_points(size: Axes, phase: Axes, points: SeriesPoints, *, colour: str) -
         phase.plot(hertz, np.degrees(np.angle(points.stamped)), **grey, label=f"{points.name}, as stamped")
 
 
-def _spectra(run: SineRun, settle_s: float) -> tuple[Array, Array, Array]:
+def _spectra(run: SineRun) -> tuple[Array, Array, Array]:
     """Return frequencies (n,) in Hz and the amplitudes of commands and thrust, without constants (eq. 3.8)."""
     period_s = 2 * np.pi / run.frequency_rad_s
-    periods = max(int((run.duration_s - settle_s) / period_s), 1)
+    periods = max(int((run.duration_s - SETTLE_S) / period_s), 1)
     count = min(round(periods * period_s / run.sample_s), run.sine.samples)
     first = run.sine.samples - count
     place = np.arange(first, first + count)

@@ -71,8 +71,8 @@ class TransferFunction:
         return cls(numerator=np.array(numerator), denominator=np.array(denominator), delay_s=delay_s)
 
     @classmethod
-    def of_quantities(cls, quantities: Mapping[str, Parameter], *, delay_s: float | None = None) -> "TransferFunction":
-        """Return the identified function, with its own delay or `delay_s` instead.
+    def of_quantities(cls, quantities: Mapping[str, Parameter]) -> "TransferFunction":
+        """Return the identified function, with its delay.
 
         Raises DataError for a missing quantity, and for coefficients that no motor has.
         """
@@ -85,13 +85,9 @@ class TransferFunction:
         quickest = quantities.get("tf.delay_after_quickest_s")
         average_s = math.nan if average.value is None else average.value
         try:
-            function = cls.of_coefficients(
-                numerator.value, denominator.value, delay_s=average_s if delay_s is None else delay_s
-            )
+            function = cls.of_coefficients(numerator.value, denominator.value, delay_s=average_s)
         except ConfigError as error:
             raise DataError(f"{error} Identify the transfer function again.") from None
-        if delay_s is not None:
-            return function
         return replace(
             function,
             delay_std_s=(average if quickest is None else quickest).std or 0.0,

@@ -2,7 +2,7 @@
 
 from cmath import phase
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from math import hypot
 from pathlib import Path
@@ -20,15 +20,13 @@ from cfid.records.run import Run
 from cfid.transfer.alignment import Sign, SineRun, align, with_end
 from cfid.transfer.data import SineSet, read_sines
 from cfid.transfer.estimation import Identified, Shape, TransferFit, identify
-from cfid.transfer.frequency_response import SETTLE_S
-from cfid.transfer.model import EQ_3_15, EQ_3_16, TransferFunction
-from cfid.transfer.plan import CUTOFF_HZ, SAMPLE_S
-from cfid.transfer.thesis import ThesisFit, ThesisFits, ThesisSettings, fit_all, settings_of
+from cfid.transfer.model import TransferFunction
+from cfid.transfer.plan import SAMPLE_S
+from cfid.transfer.thesis import ThesisFit, ThesisFits, fit_all
 from cfid.transfer.verification import Verification, verify_run
 from cfid.units import COVERAGE_95
 
 Quantities = dict[str, Parameter]
-Published = Literal["eq3.15", "eq3.16"]
 
 SECTION = "tf"
 
@@ -42,55 +40,40 @@ def fit(
     *,
     sign: Sign = "auto",
     shape: Shape | Literal["auto"] = "first+delay",
-    settle_s: float = SETTLE_S,
-    cutoff_hz: float = CUTOFF_HZ,
-    settings: Callable[[int], ThesisSettings] = settings_of,
     thrust_poly: Sequence[float] | None = None,
-    compare: Published | None = None,
     method: Literal["default", "thesis"] = "default",
 ) -> Result:
     """Return the transfer function from command to thrust, of all series together and of each of several by itself.
 
     Runs are those of `cfid log sine`; use `read_sines` for files, and for channels other than the motor's own arm.
-    `settle_s` at the start of each run and sines above `cutoff_hz` are left out; `settings` gives the constants of
-    C.2.5 for runs of N samples. The static gain is compared with the slope of `thrust_poly`, newtons over the command
-    with the highest power first, and with a function that the thesis published. Raises DataError and FitError with a
-    run's name.
+    The static gain is compared with the slope of `thrust_poly`, newtons over the command with the highest power first.
+    Raises DataError and FitError with a run's name.
     """
     sines = runs if isinstance(runs, SineSet) else read_sines(runs)
     command = sines.runs[0].sine.middle
     slope_n = None if thrust_poly is None else float(np.polyval(np.polyder(np.array(thrust_poly)), command))
-    beside = _Beside(slope_n, command, compare)
+    beside = _Beside(slope_n, command)
     if method == "thesis":
-        return _of_thesis(fit_all(sines.series, settings, sign=sign), sines, beside)
-    found = identify(sines.series, shape=shape, settle_s=settle_s, cutoff_hz=cutoff_hz, sign=sign)
+        return _of_thesis(fit_all(sines.series, sign=sign), sines, beside)
+    found = identify(sines.series, shape=shape, sign=sign)
     try:
-        thesis: ThesisFit | str = fit_all(sines.series, settings, sign=sign).joint
+        thesis: ThesisFit | str = fit_all(sines.series, sign=sign).joint
     except CfidError as error:
         thesis = str(error)
-    result = _of_fit(found, thesis, sines, beside, settle_s=settle_s)
+    result = _of_fit(found, thesis, sines, beside)
     scales = (force_scales if sines.channel == "Fz" else arm_scales)(sines.rigs)
     return with_common_causes(result, power_law(result.quantities, {"N": scales}, {"tf*.static_gain_n": {"N": 1}}))
 
 
 class _Beside(NamedTuple):
-    """What a result is compared with: the thrust map's slope in N at the middle command, a function of the thesis."""
+    """What a result is compared with: the thrust map's slope in N at the middle command."""
 
     slope_n: float | None
     command: float
-    published: Published | None
 
     def merits(self, gain_n: float) -> dict[str, Any]:
-        merits: dict[str, Any] = {"thrust_map_slope_n": self.slope_n, "compared": {}}
-        if self.slope_n is not None:
-            merits["static_gain_off_slope"] = Dependent(gain_n / self.slope_n - 1, _GAIN)
-        if self.published is not None:
-            function = _PUBLISHED[self.published]
-            merits["compared"][self.published] = {
-                "static_gain_n": function.static_gain_n,
-                "time_constant_s": function.time_constant_s,
-            }
-        return merits
+        off = {} if self.slope_n is None else {"static_gain_off_slope": Dependent(gain_n / self.slope_n - 1, _GAIN)}
+        return {"thrust_map_slope_n": self.slope_n, **off}
 
     def findings(self, gain_n: float) -> tuple[Finding, ...]:
         off = 0.0 if self.slope_n is None else gain_n / self.slope_n - 1
@@ -103,18 +86,11 @@ class _Beside(NamedTuple):
         return (warning("gain-off-map-slope", text, _GAIN),)
 
     def lines(self, ours: TransferFunction) -> list[Dependent]:
-        lines = []
-        if self.slope_n is not None:
-            off = 100 * (ours.static_gain_n / self.slope_n - 1)
-            slope = f"slope of the thrust map at {self.command:.0f}: {self.slope_n:.4g} N"
-            lines.append(Dependent(f"{slope}; the static gain is {off:+.2f} % off", _GAIN))
-        if self.published is not None:
-            name = f"({self.published.removeprefix('eq')}) of the thesis"
-            lines.append(compared(name, _PUBLISHED[self.published], ours))
-        return lines
-
-
-_PUBLISHED = {"eq3.15": EQ_3_15, "eq3.16": EQ_3_16}
+        if self.slope_n is None:
+            return []
+        off = 100 * (ours.static_gain_n / self.slope_n - 1)
+        slope = f"slope of the thrust map at {self.command:.0f}: {self.slope_n:.4g} N"
+        return [Dependent(f"{slope}; the static gain is {off:+.2f} % off", _GAIN)]
 
 
 def compared(name: str, other: TransferFunction, ours: TransferFunction) -> Dependent:
@@ -129,7 +105,7 @@ def compared(name: str, other: TransferFunction, ours: TransferFunction) -> Depe
     return Dependent(line, _GAIN, _LAG)
 
 
-def _of_fit(found: Identified, thesis: ThesisFit | str, sines: SineSet, beside: _Beside, *, settle_s: float) -> Result:
+def _of_fit(found: Identified, thesis: ThesisFit | str, sines: SineSet, beside: _Beside) -> Result:
     fit, gain_n = found.fit, found.fit.gain_n
     joint = _quantities("tf", fit)
     if fit.shape == "second":
@@ -173,7 +149,7 @@ def _of_fit(found: Identified, thesis: ThesisFit | str, sines: SineSet, beside: 
             else compared("thesis method, latency left out", thesis.function, fit.function),
             *beside.lines(fit.function),
         ),
-        drawings=lambda: _fit_figures(found, of_thesis, settle_s),
+        drawings=lambda: _fit_figures(found, of_thesis),
     )
 
 
@@ -377,7 +353,6 @@ def verify(
     *,
     used: Collection[str] = (),
     sign: Sign = "auto",
-    settle_s: float = SETTLE_S,
 ) -> Result:
     """Simulate a transfer function, or that of a result, and compare it with runs it was not identified from.
 
@@ -402,8 +377,7 @@ def verify(
         if delay_s is None:
             delay_s, std_s = function.delay_s + series.mean_lateness_s, hypot(std_s, series.mean_lateness_std_s)
         checked += [
-            (run, verify_run(run, function, after_quickest_s=delay_s, delay_std_s=std_s, settle_s=settle_s))
-            for run in series.runs
+            (run, verify_run(run, function, after_quickest_s=delay_s, delay_std_s=std_s)) for run in series.runs
         ]
     if again := [source.path for source in sines.sources if source.sha256 in used]:
         text = f"{again[0]}: the transfer function was identified from it: this verifies nothing."
@@ -451,10 +425,10 @@ def _distinct(names: Iterable[str]) -> list[str]:
     return distinct
 
 
-def _fit_figures(found: Identified, thesis: ThesisFit | None, settle_s: float) -> Figures:
+def _fit_figures(found: Identified, thesis: ThesisFit | None) -> Figures:
     from cfid.transfer.figures import fit_figures
 
-    return fit_figures(found, thesis=thesis, settle_s=settle_s)
+    return fit_figures(found, thesis=thesis)
 
 
 def _thesis_figures(found: ThesisFits) -> Figures:

@@ -5,9 +5,8 @@ its time constant. Nothing here corrects for that.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -23,7 +22,6 @@ Array = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
 
 _BIAS_SAMPLES = 1000
-_SECOND_SAMPLES = 8000  # N of the second series
 _ROUNDING = 1e-4  # of a sample, by which stamps of a Unix time may exceed the last whole sample
 
 
@@ -45,6 +43,7 @@ class ThesisSettings:
 
 FIRST_SERIES = ThesisSettings()
 SECOND_SERIES = ThesisSettings(settle_samples=1800, weight_low=2.5, low_up_to=50, count_up_to=200)
+_SETTINGS = {8000: SECOND_SERIES}  # by N; others are those of the first series
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,24 +96,13 @@ class ThesisFits:
     joint: ThesisFit
 
 
-def settings_of(samples: int, *, preset: Literal["first", "second"] | None = None) -> ThesisSettings:
-    """Return the thesis' settings of a series; without its name, that of runs of N samples."""
-    second = samples == _SECOND_SAMPLES if preset is None else preset == "second"
-    return SECOND_SERIES if second else FIRST_SERIES
-
-
-def fit_all(
-    series: Mapping[str, Sequence[RecordedSine]],
-    settings: Callable[[int], ThesisSettings] = settings_of,
-    *,
-    sign: Sign = "auto",
-) -> ThesisFits:
-    """Identify each series, and all of them at once; `settings` for a series are those for its first run's N.
+def fit_all(series: Mapping[str, Sequence[RecordedSine]], *, sign: Sign = "auto") -> ThesisFits:
+    """Identify each series, and all of them at once; the settings of a series are those for its first run's N.
 
     Raises DataError and FitError with a run's name.
     """
     each = {
-        name: fit_thesis([_upward(run, sign) for run in runs], settings(runs[0].sine.samples))
+        name: fit_thesis([_upward(run, sign) for run in runs], _SETTINGS.get(runs[0].sine.samples, FIRST_SERIES))
         for name, runs in series.items()
     }
     fits = list(each.values())
@@ -124,7 +112,7 @@ def fit_all(
         [response for fit in fits for response in fit.responses],
         np.concatenate([fit.weights for fit in fits]),
         [finding for fit in fits for finding in fit.findings],
-        settings(0),  # only A and B, which all series have in common
+        FIRST_SERIES,  # only A and B, which all series have in common
     )
     return ThesisFits(each=each, joint=joint)
 

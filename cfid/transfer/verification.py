@@ -123,23 +123,28 @@ def verify_run(
     *,
     after_quickest_s: float,
     delay_std_s: float = 0.0,
-    settle_s: float = SETTLE_S,
-    smoothed_hz: float = SMOOTHED_HZ,
 ) -> Verification:
     """Simulate the commands of a run (l from 1 on) through a transfer function, and compare.
 
     `after_quickest_s` is the delay after the quickest reports, `delay_std_s` its standard uncertainty in this run.
     Raises DataError for a run that is too short to be compared.
     """
-    if run.duration_s < settle_s + 2 * END_S + 2 / smoothed_hz:
+    if run.duration_s < SETTLE_S + 2 * END_S + 2 / SMOOTHED_HZ:
         raise DataError(f"{run.name}: {run.duration_s:.1f} s are too short to be compared with a simulation.")
     in_run = replace(function, sample_s=run.sample_s)
     simulated = in_run.simulate(run.sine.commands(), run.time_s - after_quickest_s)
-    time_s, smooth = _smoothed(run.time_s, np.stack([run.force_n, simulated]), smoothed_hz)
-    kept = (time_s >= settle_s) & (time_s <= run.duration_s - END_S)
+    time_s, smooth = _smoothed(run.time_s, np.stack([run.force_n, simulated]))
+    kept = (time_s >= SETTLE_S) & (time_s <= run.duration_s - END_S)
     smooth = smooth[:, kept] - smooth[:, kept].mean(axis=1, keepdims=True)
-    response = respond(run, settle_s=settle_s)
-    ratio = response.value / respond(replace(run, force_n=simulated), settle_s=settle_s).value
+    response = respond(
+        run,
+    )
+    ratio = (
+        response.value
+        / respond(
+            replace(run, force_n=simulated),
+        ).value
+    )
     size_std, phase_std = response.polar_std
     return Verification(
         name=run.name,
@@ -153,10 +158,10 @@ def verify_run(
     )
 
 
-def _smoothed(time_s: Array, values: Array, hertz: float) -> tuple[Array, Array]:
+def _smoothed(time_s: Array, values: Array) -> tuple[Array, Array]:
     """Return times (m,) and means of signals (k, n) over 2 ms, smoothed by a Gaussian kernel without shift (k, m)."""
     edges = np.arange(time_s[0], time_s[-1], _STEP_S)
     between = np.diff(time_s) * (values[:, 1:] + values[:, :-1]) / 2
     integral = np.concatenate([np.zeros((len(values), 1)), np.cumsum(between, axis=1)], axis=1)
     means = np.diff([np.interp(edges, time_s, own) for own in integral], axis=1) / _STEP_S
-    return edges[:-1] + _STEP_S / 2, _gaussian_filter1d(means, _GAUSS / hertz / _STEP_S, mode="nearest")
+    return edges[:-1] + _STEP_S / 2, _gaussian_filter1d(means, _GAUSS / SMOOTHED_HZ / _STEP_S, mode="nearest")

@@ -7,7 +7,7 @@ import numpy.typing as npt
 import pytest
 
 from cfid.errors import FitError
-from cfid.estimate.polynomials import fit_best_order, fit_polynomial
+from cfid.estimate.polynomials import fit_polynomial
 from tests.coverage_rows import reaches_93_percent
 
 Array = npt.NDArray[np.float64]
@@ -112,20 +112,6 @@ def test_intervals_of_points_that_state_nothing_hold_whether_they_scatter_alike_
 
 def test_with_a_wild_point_the_robust_band_holds_the_curve_as_often_as_it_says() -> None:
     assert 0.93 <= coverage(count=31, stated=1.0, robust=True, wild=True)[0] <= 0.97
-
-
-@pytest.mark.parametrize("order", [1, 2, 3])
-@pytest.mark.parametrize("robust", [False, True])
-def test_the_corrected_aic_finds_the_order_of_points_made_with_it(order: int, robust: bool) -> None:
-    x = np.linspace(-1, 1, 31)
-    found = []
-    for seed in range(40):
-        y = x**order + 0.02 * np.random.default_rng(seed).standard_normal(31)
-        found.append(fit_best_order(x, y, robust=robust).fit.order)
-
-    assert np.median(found) == order
-    assert min(found) == order
-    assert np.mean(np.array(found) == order) > 0.6
 
 
 @pytest.mark.parametrize(

@@ -116,13 +116,6 @@ def test_the_thesis_method_is_polyfit_without_command_2000_and_with_zero_at_comm
     assert unmeasured.fit.coefficients == pytest.approx(fit_thrust(made(), method="thesis").fit.coefficients)
 
 
-def test_order_auto_takes_what_the_points_have() -> None:
-    thrust = fit_thrust(noisy(5), order="auto")
-    assert thrust.fit.order == min(thrust.aicc, key=lambda order: thrust.aicc[order]) == 2
-    assert set(thrust.aicc) == {1, 2, 3, 4}
-    assert fit_speed(noisy(5), order="auto").fit.order == 1
-
-
 def test_uncertainties_of_the_thrust_count_in_the_torque_map_and_its_sign_does_not() -> None:
     points = noisy(8)
     torque = fit_torque(points)

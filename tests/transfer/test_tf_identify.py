@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,15 +12,12 @@ import pytest
 from cfid.records.files import RIG_FILE
 from cfid.records.parameters import Parameter, Section
 from cfid.records.rig_file import LoadCellMount, RigFacts, new_rig_text
-from cfid.transfer import fit, read_sines
-from cfid.transfer.thesis import settings_of
 from tests.lab import keep, sections_at, sentences
 from tests.offline.sine_bench import Bench, SimulatedSine
 from tests.transfer.sines_in_a_folder import (
     GAIN_N,
     LAG_S,
     PERIODS,
-    THESIS_MOUNT,
     TRUTH,
     USUAL,
     Here,
@@ -74,8 +70,6 @@ def test_an_index_of_two_series_gives_one_function_and_one_for_each(tf: Here, bo
     assert quality["degrees_of_freedom"] == 2 * quality["frequencies"] - 4
     assert quality["corrected_aic"]["first+delay"] < 5
     assert quality["corrected_aic"]["first"] > 100
-    published = fit(read_sines([], facts=THESIS_MOUNT, index=both), compare="eq3.15").quality["compared"]
-    assert published["eq3.15"]["static_gain_n"] == pytest.approx(2.383e-6, rel=1e-3)
     assert {Path(source["path"]).name for source in content["sources"]} >= {"index.csv", "cellfirst_0.csv"}
 
 
@@ -181,16 +175,6 @@ def test_the_static_gain_is_checked_against_the_thrust_map(
         assert content["quality"]["thrust_map_slope_n"] == pytest.approx(slope)
         assert content["quality"]["static_gain_off_slope"] == pytest.approx(GAIN_N / slope - 1, abs=0.01)
         assert any("off the thrust map's slope" in warning for warning in sentences(content)) == warned
-
-
-def test_each_series_of_the_thesis_has_its_constants(both: Path) -> None:
-    sines_read = read_sines([], facts=THESIS_MOUNT, index=both)
-    numerators = [
-        fit(sines_read, settings=partial(settings_of, preset=preset), method="thesis").quantities["tf.numerator"].value
-        for preset in (None, "first", "second")
-    ]
-
-    assert numerators[0] == numerators[1] != numerators[2]
 
 
 def test_what_no_such_plant_explains_is_rejected_and_exits_with_5(tf: Here, both: Path) -> None:

@@ -86,7 +86,7 @@ def test_a_step_ends_at_the_static_gain_with_its_interval(
 
 
 def test_a_run_is_shown_with_its_line_in_both_spectra(look: Look, series: SineSeries, runs: list[RecordedSine]) -> None:
-    page = look(sine_run_figure(series.runs[2], runs[2].reports, settle_s=1.0))
+    page = look(sine_run_figure(series.runs[2], runs[2].reports))
 
     for panel, height in (("(c)", 20000), ("(d)", 20000 * GAIN_N / np.hypot(1, 2 * np.pi * 1.5 * LAG_S))):
         tops = [segment[1][1] for segment in page.panel(panel).collections[0].get_segments()]

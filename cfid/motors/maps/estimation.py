@@ -1,7 +1,7 @@
 """Maps of one motor from its points: fits, what a controller needs of them, and thrust over motor voltage."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -13,14 +13,13 @@ from scipy.optimize import brentq
 from cfid.errors import FitError
 from cfid.estimate.linear import fit_linear
 from cfid.estimate.monotone_cubic import constrain
-from cfid.estimate.polynomials import ORDERS, PolynomialFit, fit_best_order, fit_polynomial, fit_power, scattered_std
+from cfid.estimate.polynomials import PolynomialFit, fit_polynomial, fit_power, scattered_std
 from cfid.findings import Finding, rejection, warning
 from cfid.motors.points import Pairs, Points, column, measured, shared, weighable
 from cfid.units import DEAD_COMMAND, FULL_COMMAND, NEAR_FULL, ROTORS
 
 Array = npt.NDArray[np.float64]
 Method = Literal["default", "thesis"]
-Order = int | Literal["auto"]
 Quantity = Literal["thrust", "speed", "torque"]
 
 GIVEN_BY = {  # the quantities that each map gives
@@ -54,9 +53,8 @@ _SAGS, _FALLS = 0.01, -0.8  # a voltage sags by more than this share, and with a
 class MotorMap:
     """A polynomial `fit` to y over x (n,), which were measured at `command` (n,), for one motor in SI units.
 
-    `windows` (n, N) are those of `Pairs`. `left_out` are commands whose points were not used. `aicc` is the corrected
-    AIC of each order that was tried, empty where the order was given. A rejection among the `findings` states why the
-    polynomial does not describe the points.
+    `windows` (n, N) are those of `Pairs`. `left_out` are commands whose points were not used. A rejection among the
+    `findings` states why the polynomial does not describe the points.
     """
 
     quantity: Quantity
@@ -67,7 +65,6 @@ class MotorMap:
     y: Array
     windows: Array
     left_out: tuple[float, ...]
-    aicc: Mapping[int, float]
     findings: tuple[Finding, ...]
 
 
@@ -104,7 +101,7 @@ def fit_map(
     points: Points,
     *,
     method: Method = "default",
-    order: Order | None = None,
+    order: int | None = None,
     robust: bool = True,
     expected: Iterable[int] = (),
 ) -> MotorMap:
@@ -112,9 +109,9 @@ def fit_map(
 
     By default, the dead zone is left out of maps over the command, since the motor is at rest there; points are
     weighted by their uncertainties where these are known; and Huber's loss limits outliers. "thesis" is C.2.3: MATLAB's
-    polyfit of all commands but 2000, with zero at command 0. Order "auto" takes the order with the smallest corrected
-    AIC. `expected` are the commands that should be there. A torque's magnitude is fitted, since its sign is that of the
-    direction in which the rotors turn.
+    polyfit of all commands but 2000, with zero at command 0. `order` is by default that of the thesis. `expected` are
+    the commands that should be there. A torque's magnitude is fitted, since its sign is that of the direction in which
+    the rotors turn.
 
     Raises FitError when the motors never ran, when Fz points down, or when there are too few points.
     """
@@ -134,12 +131,8 @@ def fit_map(
     used = pairs if quantity == "torque" else pairs.kept(pairs.command > DEAD_COMMAND)
     if method == "thesis":
         used = _thesis_points(pairs)
-    std, common = (None, None) if method == "thesis" else used.errors(order=2 if order == "auto" else order)
+    std, common = (None, None) if method == "thesis" else used.errors(order=order)
     huber = robust and method == "default"
-    aicc: Mapping[int, float] = {}
-    if order == "auto":
-        choice = fit_best_order(used.x, used.y, orders=ORDERS, std=std, shared=common, robust=huber)
-        order, aicc = choice.fit.order, choice.aicc
     wide = None if std is None else scattered_std(used.x, used.y, std, order=order, robust=huber)
     if wide is not None and len(used.x) == order + 1:  # nothing shows how far the points are off
         std = wide = np.hypot(wide, _MISFIT * float(np.max(np.abs(used.y))))
@@ -153,7 +146,6 @@ def fit_map(
         y=used.y,
         windows=used.windows,
         left_out=tuple(np.setdiff1d(pairs.command, used.command).tolist()),
-        aicc=aicc,
         findings=(*gaps, *_scatter(fit, keys[0]), *_misfit(fit, used, keys), *_falling(fit, keys)),
     )
 

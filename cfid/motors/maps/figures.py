@@ -186,7 +186,7 @@ def _map_facts(mapped: MotorMap, verification: ScalesCheck | None, *, unit: str,
     fit = mapped.fit
     facts = [
         ("points", f"{len(mapped.x)} at {counted(len(np.unique(mapped.command)), 'command')}"),
-        ("order", f"{fit.order}, {'by corrected AIC' if mapped.aicc else 'as given'}"),
+        ("order", str(fit.order)),
         _norm(fit, unit, scale),
         ("scatter", "not stated" if fit.inflation is None else f"{fit.inflation:.3g} × as stated"),
         ("commands left out", listed(mapped.left_out) if mapped.left_out else "none"),

@@ -31,7 +31,6 @@ from cfid.motors.maps.estimation import (
     MaximumThrust,
     Method,
     MotorMap,
-    Order,
     SpeedThrustMap,
     VoltageComparison,
     compare_thrust,
@@ -68,8 +67,6 @@ def fit_thrust(
     points: Measurements,
     *,
     gravity_mps2: float = USUAL_GRAVITY_MPS2,
-    order: Order = 2,
-    robust: bool = True,
     stand: Stand | None = None,
     scales: Path | Sequence[Path] = (),
     method: Method = "default",
@@ -81,7 +78,7 @@ def fit_thrust(
     ConfigError, DataError or FitError, the last where nothing can be fitted at all.
     """
     evidence = evidence_of(points, stand)
-    mapped = _mapped("thrust", evidence, method, order, robust=robust)
+    mapped = _mapped("thrust", evidence, method)
     most, inverse, findings = maximum_thrust(mapped, gravity_mps2=gravity_mps2), None, list[Finding]()
     try:
         inverse = invert(mapped)
@@ -99,7 +96,7 @@ def fit_thrust(
         )
         most = sagging or most
         findings += [*most.findings, *_fewer_motors(most, voltage, motors=float(np.nanmin(motors, initial=ROTORS)))]
-    over_speed, about_speed = _by_speed(evidence, method, robust=robust)
+    over_speed, about_speed = _by_speed(evidence, method)
     weighed = [scales] if isinstance(scales, Path) else scales
     verification, about_scales = verified(mapped, weighed, stand or Stand(), evidence.loadcells, gravity_mps2)
     return _result(
@@ -141,8 +138,6 @@ def fit_thrust(
 def fit_speed(
     points: Measurements,
     *,
-    order: Order = 1,
-    robust: bool = True,
     stand: Stand | None = None,
     rotors: Rotors | None = None,
     method: Method = "default",
@@ -154,28 +149,26 @@ def fit_speed(
     """
     evidence = evidence_of(points, stand, rotors)
     if evidence.points["command"].isna().all():
-        return _of_speed_alone(evidence, method, robust=robust)
-    mapped = _mapped("speed", evidence, method, order, robust=robust)
-    over_speed, findings = _by_speed(evidence, method, robust=robust)
+        return _of_speed_alone(evidence, method)
+    mapped = _mapped("speed", evidence, method)
+    over_speed, findings = _by_speed(evidence, method)
     return _result(mapped, evidence, findings=findings, over_speed=over_speed)
 
 
 def fit_torque(
     points: Measurements,
     *,
-    order: Order = 1,
-    robust: bool = True,
     stand: Stand | None = None,
     method: Method = "default",
 ) -> Result:
     """Fit one motor's torque over its thrust; otherwise as `fit_thrust`."""
     evidence = evidence_of(points, stand)
-    return _result(_mapped("torque", evidence, method, order, robust=robust), evidence)
+    return _result(_mapped("torque", evidence, method), evidence)
 
 
-def _mapped(quantity: Any, evidence: Evidence, method: Method, order: Order, *, robust: bool) -> MotorMap:
+def _mapped(quantity: Any, evidence: Evidence, method: Method) -> MotorMap:
     with _with_findings(evidence):
-        return fit_map(quantity, evidence.points, method=method, order=order, robust=robust, expected=evidence.expected)
+        return fit_map(quantity, evidence.points, method=method, expected=evidence.expected)
 
 
 @contextmanager
@@ -187,10 +180,10 @@ def _with_findings(evidence: Evidence) -> Iterator[None]:
         raise explained(error, evidence.findings) from None
 
 
-def _of_speed_alone(evidence: Evidence, method: Method, *, robust: bool) -> Result:
+def _of_speed_alone(evidence: Evidence, method: Method) -> Result:
     """Fit thrust over speed to points whose commands are not stated."""
     with _with_findings(evidence):
-        over_speed = fit_thrust_of_speed(evidence.points, method=method, robust=robust)
+        over_speed = fit_thrust_of_speed(evidence.points, method=method)
 
     def drawings() -> Figures:
         from cfid.motors.maps.figures import speed_thrust_figure
@@ -224,12 +217,12 @@ def _by_voltage(
     return compared, compared.findings
 
 
-def _by_speed(evidence: Evidence, method: Method, *, robust: bool) -> tuple[SpeedThrustMap | None, Sequence[Finding]]:
+def _by_speed(evidence: Evidence, method: Method) -> tuple[SpeedThrustMap | None, Sequence[Finding]]:
     """Fit thrust over speed, where both were measured."""
     if not {"thrust_n", "speed_rad_s"} <= set(evidence.points):
         return None, ()
     try:
-        over_speed = fit_thrust_of_speed(evidence.points, method=method, robust=robust)
+        over_speed = fit_thrust_of_speed(evidence.points, method=method)
     except FitError as error:
         return None, (rejection("thrust-of-speed-not-fitted", f"thrust of speed: {error}", *OVER_SPEED),)
     return over_speed, over_speed.findings
@@ -281,7 +274,6 @@ def _result(
             "degrees_of_freedom": fit.degrees_of_freedom,
             "inflation": fit.inflation,
             "left_out_commands": list(mapped.left_out),
-            "aicc": {str(order): value for order, value in mapped.aicc.items()},
             **merits,
         },
         findings=(*evidence.findings, *mapped.findings, *findings),
@@ -426,7 +418,7 @@ def _joint(parts: Sequence[_Part]) -> tuple[Covariance, ...]:
 
 
 def _map_lines(mapped: MotorMap) -> list[str]:
-    """Return lines with a map as the thesis writes it, how its order was chosen, and what hardly counts."""
+    """Return lines with a map as the thesis writes it, and what hardly counts."""
     over = "thrust" if mapped.quantity == "torque" else "cmd"
     powers = range(mapped.fit.order, -1, -1)
     terms = [
@@ -435,10 +427,6 @@ def _map_lines(mapped: MotorMap) -> list[str]:
     ]
     norm = f"norm of residuals {mapped.fit.residual_norm:.4g} {_UNITS[mapped.quantity]}"
     lines = [f"{mapped.quantity} = {' '.join(terms)} ({norm}, {counted(len(mapped.x), 'point')})"]
-    if mapped.aicc:
-        least = min(mapped.aicc.values())
-        orders = ", ".join(f"order {order}: {value - least:+.1f}" for order, value in mapped.aicc.items())
-        lines.append(f"corrected AIC above the best: {orders}")
     outliers = np.unique(mapped.command[mapped.fit.weight < OUTLIER_WEIGHT]).tolist()
     if outliers:
         lines.append(f"counts little, more than four standard uncertainties off: command {listed(outliers)}")
