@@ -14,7 +14,7 @@ from cfid.lazy import later
 
 @dataclass(frozen=True, kw_only=True)
 class Experiment:
-    """An experiment: its title, the words of its fit's command, the fit's function and its line in the lists.
+    """An experiment: its title, the words of its fit's command, and the fit's function.
 
     `measured_by` states how to record and fit it where no quantity states that. `revision` grows when the method finds
     other numbers in the same recordings: earlier fits then no longer count. `aims` are the quantities that a campaign's
@@ -24,7 +24,6 @@ class Experiment:
     title: str
     fit: str
     function: str
-    line: str
     measured_by: str = ""
     revision: int = 1
     aims: tuple[str, ...] = ()
@@ -36,7 +35,6 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         title="Swing",
         fit="fit swing",
         function="cfid.swing.command:swing",
-        line="Fit the nonlinear equation of a pendulum to one swing, with the damping that the data support.",
         judges={
             "swing": "cfid.swing.verdict:verdict",
             "encoder": "cfid.swing.verdict:of_no_mount",
@@ -47,7 +45,6 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         title="Friction of the axis",
         fit="fit friction",
         function="cfid.friction.command:friction",
-        line="Fit the friction of the swing's axis to weights dropped on a line wound around it.",
         aims=("friction.viscous_nms_per_rad",),
         judges={"drop": "cfid.friction.verdict:verdict"},
     ),
@@ -55,7 +52,6 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         title="Inertia matrix",
         fit="fit inertia",
         function="cfid.inertia.command:inertia",
-        line="Fit the inertia matrix about the centre of mass to six or more swings about any axes.",
         measured_by="six swings or more, about six mounts, with `cfid log encoder`, then `cfid fit inertia RUN ...`",
         aims=("inertia.matrix_kg_m2",),
     ),
@@ -63,20 +59,17 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         title="Test body",
         fit="fit testbody",
         function="cfid.inertia.command:testbody",
-        line="Compare the test body's measured inertias with those calculated from its drawing (table 2.5).",
     ),
     "loadcell": Experiment(
         title="Load cell",
         fit="fit loadcell",
         function="cfid.loadcell.command:loadcell",
-        line="Fit gain, cross-talk and linearity of the load cell to weights hung at known places.",
         judges={"loadcell": "cfid.loadcell.verdict:verdict"},
     ),
     "thrust": Experiment(
         title="Command to thrust",
         fit="fit thrust",
         function="cfid.motors.maps.command:thrust",
-        line="Fit one motor's thrust over command, its inverse and largest thrust, and thrust over a logged voltage.",
         measured_by="`cfid log thrust`, then `cfid fit thrust RUN`",
         aims=("motor.max_thrust_n", "motor.hover_mass_kg"),
     ),
@@ -84,13 +77,11 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         title="Rotor speed from vibration",
         fit="fit speed",
         function="cfid.motors.maps.command:speed",
-        line="Estimate rotor speeds from the load cell's vibration, in each steady window or a given one.",
     ),
     "speed": Experiment(
         title="Command to rotor speed",
         fit="fit speed",
         function="cfid.motors.maps.command:speed",
-        line="Fit one rotor's speed over command; a tachometer's readings are divided by its markers.",
         measured_by="`cfid log speed`, then `cfid fit speed RUN`",
         aims=("motor.speed_poly",),
     ),
@@ -98,7 +89,6 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         title="Thrust to torque",
         fit="fit torque",
         function="cfid.motors.maps.command:torque",
-        line="Fit one motor's torque over its thrust.",
         measured_by="`cfid log thrust`, then `cfid fit torque RUN`",
         aims=("motor.torque_poly",),
     ),
@@ -106,14 +96,11 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         title="Rotor dynamics",
         fit="fit dynamics",
         function="cfid.motors.rotor.command:dynamics",
-        line="Fit how rotors follow commands: one rotor model for steps, staircases, logs and stands.",
     ),
     "tf": Experiment(
         title="Transfer function of motor and rotor",
         fit="tf identify",
         function="cfid.transfer.command:identify",
-        line="Identify thrust over command: gain, time constant and delay, from sines of many frequencies (section "
-        "3.4).",
         measured_by="`cfid log sine`, then `cfid tf identify RUN ...`",
         aims=("tf.time_constant_s",),
     ),
@@ -121,20 +108,17 @@ EXPERIMENTS: Mapping[str, Experiment] = {
         title="Latency of the link",
         fit="tf latency",
         function="cfid.latency.command:latency",
-        line="Report round trips of pings, and the vehicle's clock offset and skew if it stamped its answers.",
         aims=("latency.rtt_mean_s",),
     ),
     "flight": Experiment(
         title="Flight",
         fit="fit flight",
         function="cfid.flight.command:flight",
-        line="Fit thrust, lag, moments of inertia and drag to flight logs, as far as the flights excite them.",
     ),
     "drag": Experiment(
         title="Drag",
         fit="fit drag",
         function="cfid.drag.command:drag",
-        line="Fit the simple, cross-coupling and complex drag models, and choose the one that the data support.",
         measured_by="`cfid log wind`, then `cfid fit drag RUN ...`",
         aims=("drag.simple_kg_per_rad",),
     ),

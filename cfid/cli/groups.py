@@ -1,18 +1,20 @@
-"""Groups of commands: the table lists the commands, and calling a command imports its module."""
+"""Groups of commands: lists read the docstrings of the table's commands, and calling a command imports its module."""
 
+import ast
 from collections.abc import Sequence
 from contextlib import suppress
-from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command, get_group
 
-from cfid.cli.table import COMMANDS, PRINT_NO_JSON
+from cfid.cli.table import COMMANDS, GROUPS, PRINT_NO_JSON
 from cfid.console.program import given_options, giving, program
 from cfid.errors import CfidError, ConfigError, DataError, FitError, RejectedError
-from cfid.experiments import EXPERIMENTS
+from cfid.experiments import EXPERIMENTS, function_at
 
 
 class Command(TyperCommand):
@@ -49,12 +51,18 @@ def _keep_refusal(command: str, reason: str) -> None:
 
 
 class LazyGroup(TyperGroup):
-    """The commands below a path such as "" or "fit"; lists show lines of the table, and a call imports the module."""
+    """The commands below a path such as "" or "fit"; lists import none of them, and a call imports its module."""
 
     def __init__(self, *, name: str | None = None, **settings: Any) -> None:
         """List the commands below the path `name`; `settings` are typer's."""
         super().__init__(name=name, **settings)
-        self.commands = {word: TyperCommand(word, help=COMMANDS[path][1]) for word, path in _below(name or "").items()}
+        self.commands = {word: TyperCommand(word) for word in _below(name or "")}
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the commands' words, after reading their docstrings for the list."""
+        for word, path in _below(self.name or "").items():
+            self.commands[word].help = _docstring(path)
+        return list(self.commands)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
         """Return the command's word, the imported command, and the remaining words."""
@@ -68,25 +76,34 @@ def _below(path: str) -> dict[str, str]:
     return {word: each for (above, _, word), each in above_and_word if above == path}
 
 
+def _docstring(path: str) -> str:
+    """Return the docstring of a command, read from its source without importing it, or that of a group."""
+    module, _, name = (COMMANDS[path] or "").partition(":")
+    spec = find_spec(module) if module else None
+    if spec is None or spec.origin is None:
+        return GROUPS.get(path, "")
+    tree = ast.parse(Path(spec.origin).read_text(encoding="utf-8"))
+    functions = (node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == name)
+    return next((ast.get_docstring(function) or "" for function in functions), "")
+
+
 def _imported(path: str, rest: Sequence[str] = ()) -> Any:
     """Return the command of a path, or its group where commands exist below the path.
 
     A command with arguments of its own is a group only if the first word of `rest` names a command below it. Otherwise
     the group would mistake the first argument for a command.
     """
-    where, line = COMMANDS[path]
-    group = typer.Typer(cls=LazyGroup, name=path, help=line, no_args_is_help=True)
-    if where is None:
+    place, below = COMMANDS[path], _below(path)
+    group = typer.Typer(cls=LazyGroup, name=path, help=_docstring(path), no_args_is_help=place is None)
+    if place is None:
         return get_group(group)
-    module, _, function = where.partition(":")
-    command = getattr(import_module(module), function)
+    function = function_at(place)
     alone = typer.Typer(add_completion=False)
-    alone.command(path.rpartition(" ")[2], cls=Command)(command)
-    found = get_command(alone)
-    if not _below(path):
-        return found
-    if any(parameter.param_type_name == "argument" for parameter in found.params):
-        return get_group(group) if rest and rest[0] in _below(path) else found
-    own = typer.Typer(cls=LazyGroup, name=path)
-    own.callback(invoke_without_command=True)(command)
-    return get_group(own)
+    alone.command(path.rpartition(" ")[2], cls=Command)(function)
+    command = get_command(alone)
+    takes_arguments = any(parameter.param_type_name == "argument" for parameter in command.params)
+    if not below or (takes_arguments and not (rest and rest[0] in below)):
+        return command
+    if not takes_arguments:
+        group.callback(invoke_without_command=True)(function)
+    return get_group(group)

@@ -1,4 +1,4 @@
-"""How the program starts and ends: quickly, with help for everything, and with one sentence for an error."""
+"""How the program starts and ends: quickly, and with one sentence for an error."""
 
 import os
 import subprocess
@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from cfid.cli.table import COMMANDS
 from tests.lab import Cfid
 
 HEAVY = ("numpy", "scipy", "pandas", "matplotlib", "pydantic", "plotext", "twisted", "serial", "cflib", "tomlkit")
@@ -31,15 +30,6 @@ def test_a_fit_that_draws_nothing_does_not_wait_for_matplotlib() -> None:
     ended = subprocess.run(command, capture_output=True, text=True, check=True)
 
     assert ended.stdout.strip().endswith("loaded: ['cfid.inertia.result']"), ended.stderr
-
-
-@pytest.mark.parametrize("command", [path for path, (function, _) in COMMANDS.items() if function])
-def test_every_command_has_help_with_an_example(cfid: Cfid, command: str) -> None:
-    ended = cfid(*command.split(), "--help")
-
-    assert ended.returncode == 0
-    example = {"fit tf": "tf identify"}.get(command, command)  # one command with two names
-    assert f"Example: cfid {example}" in " ".join(ended.stdout.split())
 
 
 def test_a_warning_of_a_library_is_a_sentence_without_a_place_in_its_source() -> None:
