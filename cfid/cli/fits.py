@@ -1,8 +1,9 @@
 """`cfid fits`: list a campaign's kept fits, withdraw them, and repeat them."""
 
 import json as encoder
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.box import SIMPLE
@@ -21,11 +22,10 @@ from cfid.records.parameters import runs_of
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
     from cfid.records.fits import Fit
+    from cfid.records.parameters import Parameter
     from cfid.records.values import Values
 
 _DIFFERENT = 1e-6  # of a standard uncertainty: below it, numbers differ by rounding
-
-FitWord = Annotated[str, typer.Argument(metavar="FIT", help="A fit's name as `cfid fits` lists it, or its number.")]
 
 
 def show_fits(context: typer.Context) -> None:
@@ -85,7 +85,9 @@ def drop(words: Annotated[list[str], typer.Argument(metavar="FIT ...", help="Nam
     write_parameters(campaign)
 
 
-def repeat(word: FitWord) -> None:
+def repeat(
+    word: Annotated[str, typer.Argument(metavar="FIT", help="A fit's name as `cfid fits` lists it, or its number.")],
+) -> None:
     """Repeat a kept fit from its runs and options, and state whether the numbers are the same. Nothing is kept.
 
     Example: [bold]cfid fits repeat 0007_thrust[/bold]
@@ -103,31 +105,34 @@ def repeat(word: FitWord) -> None:
     result = again(fit, runs, campaign=campaign.folder, options=options_of(fit))
     if not (fit.options and fit.options.get("force")):  # a rejected fit is kept without numbers
         result = result.without_rejected() if result.accepted else replace(result, quantities={})
-    now = {
-        number.name: number.value for key, parameter in result.quantities.items() for number in parameter.numbers(key)
-    }
-    before = {
-        number.name: number.value
-        for key, parameter in fit.section.parameters.items()
-        for number in parameter.numbers(key)
-    }
-    moves = sorted(moves_of(fit.section, result.quantities), reverse=True)
+    before, now = _numbers(fit.section.parameters), _numbers(result.quantities)
+    moves = {name: move for move, name in sorted(moves_of(fit.section, result.quantities), reverse=True)}
     gone, new = sorted(before.keys() - now.keys()), sorted(now.keys() - before.keys())
-    if not (now or before):
-        echo(f"{fit.stem}: rejected, as before.")
-    elif now == before:
-        echo(f"{fit.stem}: the same {len(before)} numbers.")
-    elif not (gone or new) and all(move < _DIFFERENT for move, _ in moves):
-        echo(f"{fit.stem}: the same {len(before)} numbers but for rounding.")
+    same = now == before or not (gone or new or any(move >= _DIFFERENT for move in moves.values()))
+    if program().json:
+        moved = [
+            {"name": name, "before": before[name], "now": now[name], "move_over_std": move}
+            for name, move in moves.items()
+            if move >= _DIFFERENT
+        ]
+        content = {"command": "fits repeat", "fit": fit.stem, "same": same, "moved": moved, "gone": gone, "new": new}
+        echo(encoder.dumps(content, indent=2))
+    elif same:
+        rounding = "" if now == before else " but for rounding"
+        echo(f"{fit.stem}: {f'the same {len(before)} numbers{rounding}' if before else 'rejected, as before'}.")
     else:
-        for move, name in moves:
+        for name, move in moves.items():
             if move >= _DIFFERENT:
                 echo(f"  {name}: {before[name]:g}, now {now[name]:g}: moved by {move:.2g} standard uncertainties.")
-        for name in gone:
-            echo(f"  {name}: is gone.")
-        for name in new:
-            echo(f"  {name}: is new.")
+        for name in (*gone, *new):
+            echo(f"  {name}: is {'gone' if name in before else 'new'}.")
+    if not same:
         raise FitError(f"{fit.stem}: has other numbers than those kept.")
+
+
+def _numbers(parameters: "Mapping[str, Parameter]") -> dict[str, Any]:
+    """Return the value of each number of some parameters by the number's name."""
+    return {number.name: number.value for key, parameter in parameters.items() for number in parameter.numbers(key)}
 
 
 def _fit_named(word: str, campaign: "Campaign") -> "Fit":

@@ -92,16 +92,20 @@ def test_a_fit_of_runs_is_repeated_with_the_same_numbers_and_one_of_files_is_ref
 ) -> None:
     assert cfid("fit", "friction", "--no-figures", folder=bodies).returncode == 0
     (stem,) = (path.stem for path in (bodies / "fits").glob("*_friction.json"))
-    repeated = cfid("fits", "repeat", stem, folder=bodies)
+    repeated = cfid("fits", "repeat", stem, "--json", folder=bodies)
 
-    assert (repeated.returncode, repeated.stdout.startswith(f"{stem}: the same ")) == (0, True)
+    shown = {"command": "fits repeat", "fit": stem, "same": True, "moved": [], "gone": [], "new": []}
+    assert (repeated.returncode, json.loads(repeated.stdout)) == (0, shown)
     assert cfid("fits", "repeat", "1", folder=lab).returncode == 4
     path = bodies / "fits" / f"{stem}.json"
     content = json.loads(path.read_text())
     content["section"]["parameters"]["friction.coulomb_nm"]["value"] *= 1.01
     path.write_text(json.dumps(content))
-    moved = cfid("fits", "repeat", stem, folder=bodies)
-    assert (moved.returncode, "friction.coulomb_nm: " in moved.stdout) == (5, True)
+    assert "friction.coulomb_nm: " in cfid("fits", "repeat", stem, folder=bodies).stdout
+    moved = cfid("fits", "repeat", stem, "--json", folder=bodies)
+    shown = json.loads(moved.stdout)
+    assert (moved.returncode, shown["same"]) == (5, False)
+    assert [row["name"] for row in shown["moved"]] == ["friction.coulomb_nm"]
 
 
 def test_a_value_set_by_hand_counts_before_a_fit(cfid: Cfid, lab: Path) -> None:
