@@ -148,8 +148,11 @@ def set_by_hand(
         return
     word, colon, spread = value.partition(":")
     number, std = _number(word, name), _number(spread, name) if colon else None
-    if std is not None and std < 0:
-        raise ConfigError(f"{name}: a standard uncertainty of {std:g} is below zero.")
+    if std is not None and std <= 0:
+        raise ConfigError(
+            f"{name}: a standard uncertainty of {std:g} is not above zero, and nothing measured is exact: state it, or "
+            "leave it out where it is unknown."
+        )
     campaign = here()
     _check(name, number, std, platform="other" if force else campaign.rig.vehicle.platform)
     into = _into_rig if name in _IN_RIG else _into_parameters
