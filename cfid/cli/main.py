@@ -4,14 +4,14 @@ import os
 import sys
 import warnings
 from collections.abc import Sequence
-from contextlib import nullcontext, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from cfid.cli.groups import LazyGroup
-from cfid.console.messages import echo, fault, note, patience
+from cfid.console.messages import drop_unwritable, echo, fault, note
 from cfid.console.program import CAMPAIGN, Program, options_first, running, set_program
 from cfid.errors import CfidError
 
@@ -19,8 +19,7 @@ from cfid.errors import CfidError
 _ASK_FOR_OPTIONS = frozenset(
     {"no-counts-per-turn", "no-kind", "no-rows", "no-time", "no-unit", "several-columns", "time-goes-back"}
 )
-_TAKE_RUNS = ("fit", "tf", "show", "validate", "convert")
-_READ_FILES = (*_TAKE_RUNS, "import", "report")  # which may take long
+_TAKE_RUNS = frozenset(("fit", "tf", "show", "validate", "convert"))
 
 app = typer.Typer(
     cls=LazyGroup,
@@ -75,16 +74,6 @@ def _as_sentence(message: Warning | str, category: type[Warning], *_place: objec
         note(f"a library that cfid uses warns: {text}.")
 
 
-def _drop_output() -> None:
-    """Drop printed text that cannot be written; Python would try again to write it at exit."""
-    for stream in (sys.stdout, sys.stderr):
-        try:
-            stream.flush()
-        except OSError:
-            with suppress(OSError, ValueError):
-                os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
-
-
 def main(words: Sequence[str] | None = None) -> None:
     """Run the program with its arguments, or with `words`.
 
@@ -92,19 +81,16 @@ def main(words: Sequence[str] | None = None) -> None:
     """
     # With these small matrices, threads of the linear algebra would wait for each other longer than they compute.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
-    ordered = options_first(sys.argv[1:] if words is None else words)
-    command = [word for word in ordered if not word.startswith("-")]
-    slow = bool(set(command[:3]) & set(_READ_FILES))
+    given = sys.argv[1:] if words is None else words
     with warnings.catch_warnings(), running(Program()):
         warnings.showwarning = _as_sentence
         try:
-            with patience() if slow else nullcontext():
-                app(ordered, prog_name="cfid")
+            app(options_first(given), prog_name="cfid")
         except CfidError as error:
             with suppress(OSError):
                 for text in getattr(error, "__notes__", ()):
                     note(text)
-                asks = error.code in _ASK_FOR_OPTIONS and bool(set(command[:3]) & set(_TAKE_RUNS))
+                asks = error.code in _ASK_FOR_OPTIONS and not _TAKE_RUNS.isdisjoint(given)
                 first = " These are options of `cfid import FILE`: it makes a run, and every fit takes runs."
                 fault(f"{error}{first if asks else ''}")
             sys.exit(error.exit_code)
@@ -112,7 +98,7 @@ def main(words: Sequence[str] | None = None) -> None:
             what = "the output cannot be written" if error.filename is None else str(error.filename)
             with suppress(OSError):
                 fault(f"{what}: {error.strerror or error}.")
-            _drop_output()
+            drop_unwritable()
             sys.exit(1)
         finally:
             # If Ctrl-C interrupted code that was compiled at run time, Python ends by the signal instead of with exit

@@ -7,15 +7,12 @@ import re
 import stat
 import sys
 import textwrap
-import threading
-from collections.abc import Callable, Iterator
-from typing import TextIO
+from collections.abc import Callable
 
 import typer
 
 _NARROWEST = 20
 _OF_A_NARROW_ONE = 8  # the width of a narrow terminal is this many times its indent
-_PATIENCE_S = 10.0
 _HEAD = len("note: ")  # as long as `cfid: `, so that later lines are aligned with the text
 _SETTING = re.compile(r"`([a-z]\w*)`")
 # Every other option is its setting's name with hyphens.
@@ -61,7 +58,7 @@ def echo(text: object = "", *, nl: bool = True, err: bool = False) -> None:
         closed = error.errno == errno.EIO and stat.S_ISCHR(os.fstat(sys.stdout.fileno()).st_mode)
         if not (err or closed):
             raise
-        _drop(sys.stderr if err else sys.stdout)
+        drop_unwritable()
 
 
 def headline(text: str) -> None:
@@ -101,7 +98,7 @@ def note(text: str) -> None:
     try:
         typer.echo(noted(text), err=True)
     except OSError:
-        _drop(sys.stderr)
+        drop_unwritable()
 
 
 def noted(text: str) -> str:
@@ -115,37 +112,23 @@ def fault(text: str) -> None:
     typer.echo(_coloured(fitted(f"cfid: {in_options(text)}", indent=_HEAD, err=True), typer.colors.RED), err=True)
 
 
-@contextlib.contextmanager
-def patience(first_s: float = _PATIENCE_S) -> Iterator[None]:
-    """Report on stderr that a command is still working: after `first_s` seconds, then whenever the wait has doubled."""
-    ended = threading.Event()
-
-    def tell() -> None:
-        waited_s = step_s = first_s
-        while not ended.wait(step_s):
-            echo(fitted(f"still reading and computing after {waited_s:.0f} s; Ctrl-C ends it", err=True), err=True)
-            step_s, waited_s = waited_s, 2 * waited_s
-
-    threading.Thread(target=tell, daemon=True).start()
-    try:
-        yield
-    finally:
-        ended.set()
-
-
 def result(text: str) -> None:
     """Print what a command did, on stderr where stdout cannot be written, as after its terminal was closed."""
     try:
         typer.echo(fitted(printable_lines(text)))
     except OSError:
-        _drop(sys.stdout)
+        drop_unwritable()
         note(text)
 
 
-def _drop(stream: TextIO) -> None:
-    """Discard all output of a stream; otherwise the text in its buffer would fail once more."""
-    with contextlib.suppress(OSError, ValueError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+def drop_unwritable() -> None:
+    """Discard the text of stdout and stderr that cannot be written; Python would try again to write it at exit."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except OSError:
+            with contextlib.suppress(OSError, ValueError):
+                os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def fitted(text: str, *, indent: int = 0, err: bool = False) -> str:

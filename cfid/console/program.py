@@ -9,6 +9,8 @@ from typing import Any
 
 import typer
 
+from cfid.errors import ConfigError
+
 CAMPAIGN = ("-C", "--campaign")
 FLAGS = ("--json", "--verbose", "--quiet", "--yes")
 LABELS = "labels"  # the key, among a fit's kept options, of the labels typed for its runs, such as 20:0.1=RUN
@@ -52,7 +54,10 @@ def running(options: Program) -> Iterator[None]:
 
 
 def options_first(words: Sequence[str]) -> list[str]:
-    """Return the words with the program's options, wherever they stand before a bare `--`, moved to the front."""
+    """Return the words with the program's options, wherever they stand before a bare `--`, moved to the front.
+
+    Raises ConfigError for an empty campaign folder, such as that of a variable that is not set.
+    """
     front: list[str] = []
     rest: list[str] = []
     remaining = iter(words)
@@ -68,6 +73,8 @@ def options_first(words: Sequence[str]) -> list[str]:
             front += [word, value]
         else:
             rest.append(word)
+    if "--campaign=" in front or "" in front:
+        raise ConfigError("`folder`: the campaign folder is empty: name one, or leave the option out.")
     return front + rest
 
 
