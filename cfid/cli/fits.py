@@ -14,8 +14,7 @@ from cfid.console.messages import echo, note, printable
 from cfid.console.program import program
 from cfid.console.tables import print_table
 from cfid.errors import ConfigError, DataError, FitError
-from cfid.fleet.recipes import again, options_of
-from cfid.fleet.refit import moves_of
+from cfid.fleet.refit import again, moves_of, options_of
 from cfid.records.fits import is_withdrawn, list_fits, withdraw
 from cfid.records.parameters import runs_of
 

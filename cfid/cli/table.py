@@ -27,7 +27,7 @@ COMMANDS: dict[str, str | None] = {
     "fits drop": "cfid.cli.fits:drop",
     "fits repeat": "cfid.cli.fits:repeat",
     "fleet": "cfid.fleet.command:fleet",
-    "fleet fit": "cfid.fleet.fit_command:fleet_fit",
+    "fleet fit": "cfid.fleet.command:fleet_fit",
     "export": "cfid.export.command:export",
     "runs": "cfid.cli.runs:show_runs",
     "runs exclude": "cfid.cli.runs:exclude",

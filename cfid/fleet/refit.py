@@ -1,31 +1,44 @@
-"""Refit campaigns from their recordings, each into a folder of its own."""
+"""Repeat kept fits through their commands, and refit campaigns from their recordings, each into a folder of its own."""
 
 import json
+import shutil
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
-from pathlib import Path
+from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
-from typing import Any
+from types import MappingProxyType
+from typing import Any, Literal
+
+import typer
+from typer.main import get_command
 
 from cfid.console.messages import clock, echo
+from cfid.console.outcome import taking
+from cfid.console.program import LABELS, OF_THE_PRINT, Program, running
 from cfid.counted import counted
 from cfid.errors import CfidError, ConfigError, DataError
+from cfid.experiments import EXPERIMENTS, function_at
 from cfid.fleet.campaigns import workers
-from cfid.fleet.recipes import NO_CHANGES, again, options_of
+from cfid.quantities.values import is_rows
 from cfid.records.campaign import Campaign, open_campaign
-from cfid.records.files import RIG_FILE, read_small
+from cfid.records.files import RIG_FILE, locked_folder, read_small
 from cfid.records.fits import BY_HAND, Fit, keep_fit, list_fits
 from cfid.records.parameters import Parameter, Section, runs_of
+from cfid.records.result import Result
 from cfid.records.run import read_run
 from cfid.version import __version__
 
 LOG = "refit.json"
+NO_CHANGES: Mapping[str, str] = MappingProxyType({})
+_INCOMPLETE = ".incomplete-"  # begins the name of a folder that a refit is working in
 _LINES = 20  # printed about the progress
 _FARTHEST = 1e9  # standard uncertainties: larger moves, as after an edit of a value or std, count as this
 
+Method = Literal["default", "thesis"]
 Outcome = Mapping[str, Any]  # the content of a refit.json
 
 
@@ -100,28 +113,29 @@ def refitted(folders: Sequence[str], out: Path, changes: Mapping[str, str]) -> I
 
 
 def refits(
-    waiting: Mapping[Path, str], out: Path, changes: Mapping[str, str], *, jobs: int, scheduler: str | None
+    waiting: Mapping[Path, str], out: Path, changes: Mapping[str, str], *, jobs: int
 ) -> Iterator[tuple[Path, Outcome | CfidError]]:
     """Refit the campaigns, by the folders to make; yield each with its outcome or why there is none, in any order.
 
-    A folder gets its name when it is complete, so that an interruption leaves no incomplete one. Raises ConfigError
-    where nothing can be written.
+    A folder gets its name when it is complete, so that an interruption leaves no incomplete one; what a killed command
+    left is removed first. Raises ConfigError where nothing can be written.
     """
     if not waiting:
         return
     began_s = time.monotonic()
     try:
         out.mkdir(parents=True, exist_ok=True)
-        most = len(waiting)
-        with TemporaryDirectory(dir=out, prefix=".incomplete-") as half, workers(jobs, scheduler, most=most) as pool:
-            futures = {
-                pool.submit(refit, folder, Path(half) / made.name, changes): made for made, folder in waiting.items()
-            }
+        with (
+            locked_folder(out),  # another command that works there is waited for
+            _workplace(out) as half,
+            workers(jobs, most=len(waiting)) as pool,
+        ):
+            futures = {pool.submit(refit, folder, half / made.name, changes): made for made, folder in waiting.items()}
             for count, future in enumerate(as_completed(futures), 1):
                 made = futures[future]
                 outcome = _outcome_of(future, waiting[made])
                 if not isinstance(outcome, CfidError):
-                    (Path(half) / made.name).rename(made)
+                    (half / made.name).rename(made)
                 yield made, outcome
                 if count == len(futures) or count % -(-len(futures) // _LINES) == 0:
                     spent_s = time.monotonic() - began_s
@@ -131,9 +145,18 @@ def refits(
         raise ConfigError(f"{out}: cannot be written: {error.strerror or error}.") from None
 
 
+@contextmanager
+def _workplace(out: Path) -> Iterator[Path]:
+    """Make a folder for incomplete results, and remove those of commands that were killed."""
+    for left in out.glob(f"{_INCOMPLETE}*"):
+        shutil.rmtree(left, ignore_errors=True)
+    with TemporaryDirectory(dir=out, prefix=_INCOMPLETE) as folder:
+        yield Path(folder)
+
+
 def _outcome_of(future: "Future[Outcome]", folder: str) -> Outcome | CfidError:
     try:
-        outcome = future.result()
+        return future.result()
     except CfidError as error:
         return error
     except BrokenProcessPool:
@@ -141,11 +164,8 @@ def _outcome_of(future: "Future[Outcome]", folder: str) -> Outcome | CfidError:
             f"{folder}: a process died, perhaps for lack of memory, and ended the others. The same command continues; "
             "fewer `jobs` take less memory."
         )
-    except Exception as error:  # a bug, or an error of the cluster, must not stop the other campaigns
+    except Exception as error:  # a bug must not stop the other campaigns
         return DataError(f"{folder}: {type(error).__name__}: {error}".splitlines()[0])
-    if outcome["cfid_version"] != __version__:
-        return DataError(f"{folder}: the worker has cfid {outcome['cfid_version']}, this is {__version__}.")
-    return outcome
 
 
 def _log(folder: Path) -> Outcome:
@@ -194,3 +214,81 @@ def moves_of(kept: Section, made: Mapping[str, Parameter]) -> list[tuple[float, 
         for number in parameter.numbers(key)
         if number.std and number.value is not None and (value := new.get(number.name)) is not None
     ]
+
+
+def changes_of(words: Sequence[str], method: Method | None) -> dict[str, str]:
+    """Return options that replace those of fits, from words such as "peaks=12" and from a method.
+
+    Raises ConfigError for a word without a value, and for an option that no fit has.
+    """
+    changes = {} if method is None else {"method": str(method)}
+    known = {str(option.name) for row in EXPERIMENTS.values() for option in _command(row.function).params} - {"force"}
+    for word in words:
+        name, sign, value = word.partition("=")
+        key = name.strip().lstrip("-").replace("-", "_")
+        if not (sign and value):
+            raise ConfigError(f"`set` {word}: expected NAME=VALUE, as in peaks=12.")
+        if key not in known:
+            raise ConfigError(f"`set` {word}: no fit has an option {key}. A file in fits/ lists those of its fit.")
+        changes[key] = value.strip()
+    return changes
+
+
+def options_of(kept: Fit, changes: Mapping[str, str] = NO_CHANGES) -> dict[str, Any]:
+    """Return the options of a kept fit, with those of `changes` that its command has in place of its own.
+
+    Raises DataError for a fit that cannot be repeated, and for an option that its command does not have.
+    """
+    swings = kept.quality.get("swings", ())
+    known = [str(row.get("axis")) for row in swings if "known_kg_m2" in row] if is_rows(swings) else []
+    if known:
+        raise DataError(f"axis inertias of {', '.join(known)} were given as numbers: fit it by hand.")
+    if kept.options is None:
+        raise DataError("was made in Python, and its options are not kept: fit it by hand.")
+    names = {option.name for option in _command_of(kept).params if option.param_type_name == "option"} - OF_THE_PRINT
+    options = dict(kept.options) | {name: value for name, value in changes.items() if name in names}
+    for name in options.keys() - names - {LABELS}:
+        raise DataError(f"its option {name} = {options[name]!r} is none that this command takes: fit it by hand.")
+    return options
+
+
+def again(kept: Fit, runs: Sequence[Path], *, campaign: Path, options: Mapping[str, Any]) -> Result:
+    """Fit the runs in these folders like a kept fit, with the rig.toml and the earlier fits of a campaign.
+
+    Raises DataError for options that its command does not take.
+    """
+    command = _command_of(kept)
+    words = _with_labels(runs, options.get(LABELS, ()))
+    if command.params[0].nargs == 1:
+        words = words[:1]
+    given = {name: value for name, value in options.items() if name not in (LABELS, "force")}
+    with running(Program(campaign=campaign)), taking() as results:
+        try:
+            with command.make_context(kept.command, words, default_map=given) as context:
+                command.invoke(context)
+        except typer.BadParameter as error:
+            raise DataError(f"its options are none that this command takes: {error.format_message()}") from None
+    return results[0]
+
+
+def _with_labels(runs: Sequence[Path], typed: Sequence[str]) -> list[str]:
+    """Return runs as words, with the labels typed for them. Raises DataError for a label of any other run."""
+    names = {run.name for run in runs}
+    labelled = [word.partition("=") for word in map(str, typed) if PurePath(word).name not in names]
+    labels = {PurePath(run).name: label for label, _, run in labelled}
+    if lost := labels.keys() - names:
+        raise DataError(f"{labels[min(lost)]}={min(lost)} was typed, which is none of its runs: fit it by hand.")
+    return [f"{labels[run.name]}={run}" if run.name in labels else str(run) for run in runs]
+
+
+def _command_of(kept: Fit) -> Any:
+    place = next((row.function for row in EXPERIMENTS.values() if row.fit == kept.command), None)
+    if place is None:
+        raise DataError(f"`cfid {kept.command}` is not repeated from its file: fit it by hand.")
+    return _command(place)
+
+
+def _command(place: str) -> Any:
+    program = typer.Typer(add_completion=False)
+    program.command()(function_at(place))
+    return get_command(program)

@@ -119,16 +119,6 @@ def test_refitted_campaigns_are_campaigns_with_the_dates_of_their_recordings(
     assert cfid("parameters", folder=results / "c3").returncode == 0
 
 
-def test_a_cluster_gives_the_same_to_the_last_bit(cfid: Cfid, campaigns: Path, tmp_path: Path) -> None:
-    distributed = pytest.importorskip("distributed", reason="Dask is not installed: pip install 'cfid[fleet]'")
-    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0") as cluster:
-        address = cluster.scheduler_address
-        ended = cfid("fleet", "fit", campaigns / "c3", "--out", tmp_path / "out", "--scheduler", address)
-
-    assert ended.returncode == 0, ended.stderr
-    assert found_in(tmp_path / "out") == {"c3": found_in(campaigns)["c3"]}
-
-
 def test_a_fleet_continues_where_it_was_interrupted(campaigns: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     words = ["fleet", "fit", campaigns / "c*", "--out", out, "--jobs", 2]
@@ -148,12 +138,19 @@ def test_a_fleet_continues_where_it_was_interrupted(campaigns: Path, tmp_path: P
     assert {name: (out / name).stat().st_mtime_ns for name in kept} == kept
 
 
+def test_what_a_killed_command_left_is_removed(cfid: Cfid, campaigns: Path, tmp_path: Path) -> None:
+    (tmp_path / "out" / ".incomplete-1" / "c3" / "fits").mkdir(parents=True)
+
+    assert cfid("fleet", "fit", campaigns / "c3", "--out", tmp_path / "out").returncode == 0
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["c3"]
+
+
 def test_a_process_that_dies_is_the_fault_of_its_campaigns_alone(
     campaigns: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(refit_module, "refit", die)
     waiting = {tmp_path / "out" / name: str(campaigns / name) for name in ("c1", "c2")}
-    outcomes = dict(refits(waiting, tmp_path / "out", {}, jobs=2, scheduler=None))
+    outcomes = dict(refits(waiting, tmp_path / "out", {}, jobs=2))
 
     assert [type(outcome) for outcome in outcomes.values()] == [DataError, DataError]
     assert list((tmp_path / "out").iterdir()) == []
