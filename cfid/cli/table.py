@@ -61,7 +61,7 @@ COMMANDS: dict[str, str | None] = {
 # Motors are never refused a command for want of JSON.
 PRINT_NO_JSON = frozenset(
     (
-        *("convert", "demo", "fits drop", "import", "new", "next", "report", "rig sim"),
+        *("convert", "demo", "fits drop", "import", "new", "next", "rig sim"),
         *("runs exclude", "runs include", "runs note", "set", "watch"),
     )
 )

@@ -1,7 +1,7 @@
 """`cfid export`: export a campaign's parameters to the files of firmware and simulators."""
 
 import json as encoder
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -64,10 +64,8 @@ def export(
     opened = here()
     vehicle, values = _collected(opened)
     if target == LIST:
-        _print_list(opened, vehicle, json=program().json)
+        _print_list(opened, vehicle)
         return
-    if program().json:
-        raise ConfigError("--json goes with `cfid export list`: an export has its target's own format.")
     if target == SAMPLES:
         if out == "-":
             raise ConfigError("samples are several files: --out must name a folder, not -.")
@@ -79,14 +77,18 @@ def export(
     wanted = target_named(target, opened.folder)
     text = rendered(wanted, vehicle)  # raises first, since --force does not lift its refusals
     refuse(wanted, vehicle, values, force=force)
-    if out == "-":
-        echo(text, nl=False)
+    notes = warnings(wanted, vehicle)
+    notes += [f"not measured, and left out or marked: {need_text(use)}." for use in wanted.not_measured(vehicle)]
+    if out != "-":
+        path = Path(out) if out else opened.folder / FOLDER / wanted.file_name
+        _write({path: text.encode()}, force=force)
+        _print_written(target, [path], notes)
+    elif program().json:
+        raise ConfigError("stdout has either the file or a JSON object: `out` names a file, or leave `json` out.")
     else:
-        _write({Path(out) if out else opened.folder / FOLDER / wanted.file_name: text.encode()}, force=force)
-    for warning in warnings(wanted, vehicle):
-        note(warning)
-    for use in wanted.not_measured(vehicle):
-        note(f"not measured, and left out or marked: {need_text(use)}.")
+        echo(text, nl=False)
+        for sentence in notes:
+            note(sentence)
 
 
 def _collected(campaign: Campaign) -> tuple[ExportVehicle, Values]:
@@ -100,7 +102,7 @@ def _collected(campaign: Campaign) -> tuple[ExportVehicle, Values]:
 
 
 def _write(contents: Mapping[Path, bytes], *, force: bool) -> None:
-    """Write files, all of them or, if one exists or cannot be replaced, none, and print their paths."""
+    """Write files, all of them or, if one exists or cannot be replaced, none."""
     try:
         for path in contents:
             if (path.exists() or path.is_symlink()) and not force:
@@ -113,39 +115,49 @@ def _write(contents: Mapping[Path, bytes], *, force: bool) -> None:
             write_whole(path, content)
     except OSError as error:
         raise ConfigError(f"{path}: cannot be written: {error.strerror}.") from None
-    for path in contents:
-        echo(str(path))
+
+
+def _print_written(target: str, paths: Sequence[Path], notes: Sequence[str], **facts: Any) -> None:
+    """Print the paths of written files, and notes on what is in them."""
+    if program().json:
+        content = {"command": f"export {target}", "files": list(map(str, paths)), **facts, "notes": list(notes)}
+        echo(encoder.dumps({**content, "version": __version__}, indent=2))
+        return
+    for path in paths:
+        echo(path)
+    for sentence in notes:
+        note(sentence)
 
 
 def _write_samples(vehicle: ExportVehicle, values: Values, folder: Path, *, count: int, seed: int, force: bool) -> None:
     refuse(EVERYTHING, vehicle, values, force=force)
     samples = draw(vehicle, values, count=count, seed=seed)
     marks = warnings(EVERYTHING, vehicle)
-    files = samples.files(vehicle, seed, marks)
-    _write({folder / name: content for name, content in files.items()}, force=force)
+    files = {folder / name: content for name, content in samples.files(vehicle, seed, marks).items()}
+    _write(files, force=force)
     reasons = f": {counts_text(samples.reasons)}" if samples.reasons else ""
-    echo(f"{100 * samples.rejected_share:.1f} % of {samples.draws} draws rejected{reasons}.")
+    notes = [f"{100 * samples.rejected_share:.1f} % of {samples.draws} draws rejected{reasons}."]
     if samples.joint.exact:
-        note(f"no uncertainty is known of {', '.join(samples.joint.exact)}: the same in every vehicle.")
+        notes.append(f"no uncertainty is known of {', '.join(samples.joint.exact)}: the same in every vehicle.")
     if samples.joint.independent:
-        note(
+        notes.append(
             f"no covariance is kept of {', '.join(samples.joint.independent)}: their numbers are drawn independently. "
             "Fit again to have it."
         )
-    for mark in marks:
-        note(mark)
+    notes += marks
     for name in LISTS:
         if missing := target_named(name, folder).missing(vehicle):
             needs = "; ".join(map(need_text, missing))
-            note(f"no list for {name}, which needs what is not measured yet: {needs}.")
+            notes.append(f"no list for {name}, which needs what is not measured yet: {needs}.")
+    _print_written(SAMPLES, list(files), notes, draws=samples.draws, rejected=dict(samples.reasons))
 
 
-def _print_list(campaign: Campaign, vehicle: ExportVehicle, *, json: bool) -> None:
+def _print_list(campaign: Campaign, vehicle: ExportVehicle) -> None:
     listed, faults = targets(campaign.folder)
     for fault in faults:
         note(str(fault))
     rows = [_row(target, vehicle) for target in listed.values()]
-    if json:
+    if program().json:
         echo(encoder.dumps({"command": "export list", "targets": rows, "version": __version__}, indent=2))
         return
     for row in rows:

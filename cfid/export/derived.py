@@ -52,9 +52,7 @@ class Derived:
     def __init__(self, vehicle: ExportVehicle) -> None:
         """Take the quantities of a vehicle."""
         self._vehicle = vehicle
-        turned = np.array([vehicle.frame.turned(row) for row in np.eye(3).tolist()]).T  # from the campaign's frame
-        self._axes = np.argmax(np.abs(turned), axis=1)
-        self._signs = turned[np.arange(3), self._axes]
+        self._axes, self._signs = np.array(vehicle.frame.axes).T  # in the campaign's frame
 
     def __getitem__(self, key: str) -> Any:
         """Return the value of a quantity as measured, in the campaign's body frame."""
@@ -80,13 +78,15 @@ class Derived:
         matrix: list[Numbers] = self.turned_tensor(self["inertia.matrix_kg_m2"])
         return matrix
 
-    def turned_tensor(self, matrix: Sequence[Sequence[float | None]], *, signed: bool = True) -> Value:
-        """Return a tensor (3, 3) of the campaign's frame in the vehicle's, without rounding.
+    def turned_tensor(self, tensor: Value, *, signed: bool = True) -> Value:
+        """Return a tensor (3, 3), or its diagonal (3,), of the campaign's frame in the vehicle's, without rounding.
 
         Standard uncertainties are not `signed`. Unknown entries, None, stay unknown.
         """
-        entries = np.array(matrix, dtype=np.float64)[np.ix_(self._axes, self._axes)]
-        turned = entries * np.outer(self._signs, self._signs) + 0.0
+        entries = np.array(tensor, dtype=np.float64)
+        if entries.ndim == 1:
+            return plain(entries[self._axes] + 0.0)
+        turned = entries[np.ix_(self._axes, self._axes)] * np.outer(self._signs, self._signs) + 0.0
         return plain(turned if signed else np.abs(turned))
 
     @cached_property
@@ -180,8 +180,8 @@ class Derived:
         """
         if not self.has("drag"):
             return [0.0, 0.0, 0.0]
-        value = np.array(self["drag"], dtype=np.float64)
-        return _plain(-np.diag(self.turned_tensor(np.diag(value).tolist() if value.ndim == 1 else value.tolist())))
+        drag = np.array(self.turned_tensor(self["drag"]))
+        return _plain(-(np.diag(drag) if drag.ndim == 2 else drag))
 
     @cached_property
     def drag_across_kg_per_rad(self) -> float:

@@ -1,19 +1,15 @@
 """Render a target's template for a vehicle, and put the comments at the head of the file.
 
-Jinja's sandbox keeps a template from everything but the numbers it is given. A campaign's own template, which may be
-written by others, is rendered in a process whose time and memory are limited as well.
+Jinja's sandbox keeps a template, which others may have written, from everything but the numbers it is given.
 """
 
 import contextlib
-import multiprocessing
 import re
-import sys
 import textwrap
 import traceback
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 from jinja2 import PackageLoader, StrictUndefined, Template
@@ -28,7 +24,6 @@ from cfid.units import FULL_COMMAND
 from cfid.version import __version__
 
 _LINES, _WIDTH = 12, 114  # of the comments at the head of a file, without the signs that begin them
-_LONGEST_S, _LARGEST_BYTES, _MEMORY_BYTES = 30.0, 10_000_000, 1 << 30  # of a campaign's own template
 
 
 def rendered(target: Target, vehicle: ExportVehicle) -> str:
@@ -38,7 +33,7 @@ def rendered(target: Target, vehicle: ExportVehicle) -> str:
     a fault in a campaign's own template.
     """
     check_sense(target, vehicle)
-    body = _rendered_apart(target, vehicle) if target.own else _body(target, vehicle)
+    body = _own_body(target, vehicle) if target.own else _body(target, vehicle)
     if not target.comment:
         return body
     head = commented(_head(target, vehicle), target.comment)
@@ -65,35 +60,15 @@ def _context(target: Target, vehicle: ExportVehicle) -> dict[str, Derived]:
     return {"v": Derived(replace(vehicle, quantities=taken))}
 
 
-def _rendered_apart(target: Target, vehicle: ExportVehicle) -> str:
-    """Return the body of a template of others. Raises ConfigError if it is wrong, too slow or too large."""
-    with multiprocessing.get_context("spawn").Pool(1, initializer=_limit_memory) as pool:
-        try:
-            return pool.apply_async(_own_body, (target, vehicle)).get(timeout=_LONGEST_S)
-        except multiprocessing.TimeoutError:
-            raise ConfigError(f"{target.name}.j2: needs more than {_LONGEST_S:g} s: nothing was written.") from None
-
-
-def _limit_memory() -> None:
-    if sys.platform == "linux":
-        import resource  # noqa: PLC0415 - other systems have none
-
-        used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-        resource.setrlimit(resource.RLIMIT_AS, (used + _MEMORY_BYTES,) * 2)
-
-
 def _own_body(target: Target, vehicle: ExportVehicle) -> str:
     try:
-        body = _body(target, vehicle)
+        return _body(target, vehicle)
     except CfidError:
         raise
     except Exception as error:  # whatever an expression in a template raises
         rows = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == "<template>"]
         place = f", line {getattr(error, 'lineno', None) or (rows or [1])[-1]}"
         raise ConfigError(f"{target.name}.j2{place}: {type(error).__name__}: {str(error).rstrip('.')}.") from None
-    if len(body) > _LARGEST_BYTES:
-        raise ConfigError(f"{target.name}.j2: gives a file of more than {_LARGEST_BYTES} characters.")
-    return body
 
 
 def _head(target: Target, vehicle: ExportVehicle) -> list[str]:

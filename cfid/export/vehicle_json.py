@@ -124,7 +124,6 @@ class VehicleFile(_Part):
 def text_of(vehicle: ExportVehicle) -> str:
     """Return the file."""
     v, frame = Derived(vehicle), vehicle.frame
-    axes = [frame.turned(axis) for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
     content: dict[str, Any] = {
         "format": "cfid-vehicle-1",
         "written_by": f"cfid {__version__}",
@@ -133,7 +132,9 @@ def text_of(vehicle: ExportVehicle) -> str:
         "frames": {
             "campaign": {"forward": frame.forward, "left": frame.left, "up": frame.up},
             "vehicle": "x forward, y left, z up; origin in the centre of mass",
-            "campaign_to_vehicle": [[axis[row] for axis in axes] for row in range(3)],
+            "campaign_to_vehicle": [
+                [sign * float(place == column) + 0.0 for column in range(3)] for place, sign in frame.axes
+            ],
         },
         "quantities": {key: _entry(quantity, v) for key, quantity in {**vehicle.quantities, **vehicle.partial}.items()},
         "further": {
@@ -164,17 +165,9 @@ def _entry(quantity: ExportQuantity, v: Derived) -> dict[str, Value]:
         "origin": quantity.origin,
     }
     if quantity.key in _TENSORS:
-        std = quantity.std and _turned(quantity.std, v, signed=False)
-        entry["in_vehicle_frame"] = {"value": _turned(quantity.value, v, signed=True), "std": std}
+        std = quantity.std and v.turned_tensor(quantity.std, signed=False)
+        entry["in_vehicle_frame"] = {"value": v.turned_tensor(quantity.value), "std": std}
     return entry
-
-
-def _turned(value: Any, v: Derived, *, signed: bool) -> Value:
-    """Return a matrix (3, 3), or the diagonal (3,) of a matrix, in the vehicle's frame."""
-    if isinstance(value[0], list):
-        return v.turned_tensor(value, signed=signed)
-    diagonal = [[part if i == j else 0.0 for j in range(3)] for i, part in enumerate(value)]
-    return [row[i] for i, row in enumerate(v.turned_tensor(diagonal, signed=signed))]
 
 
 def _at_hovering(v: Derived) -> dict[str, Value]:

@@ -153,29 +153,23 @@ class BodyFrame(RigTable):
 
     @model_validator(mode="after")
     def _right_handed(self) -> Self:
-        forward, left, up = (_unit(axis) for axis in (self.forward, self.left, self.up))
-        cross = (
-            forward[1] * left[2] - forward[2] * left[1],
-            forward[2] * left[0] - forward[0] * left[2],
-            forward[0] * left[1] - forward[1] * left[0],
-        )
-        if cross != up:
+        places, signs = zip(*self.axes, strict=True)
+        cyclic = (places[1] - places[0]) % 3 == 1
+        if len(set(places)) < 3 or math.prod(signs) != (1 if cyclic else -1):
             raise ValueError("forward, left and up must be three axes of a right-handed frame")
         return self
 
+    @property
+    def axes(self) -> tuple[tuple[int, int], ...]:
+        """Of forward, left and up, the index of the body axis and its sign."""
+        return tuple(
+            ("xyz".index(axis[-1]), -1 if axis.startswith("-") else 1) for axis in (self.forward, self.left, self.up)
+        )
+
     def turned(self, vector: Sequence[float]) -> Vector:
         """Return the forward, left and up components of a vector (3,) of the body frame, without rounding."""
-        forward, left, up = (
-            (-1 if axis.startswith("-") else 1) * vector["xyz".index(axis[-1])] + 0.0
-            for axis in (self.forward, self.left, self.up)
-        )
+        forward, left, up = (sign * vector[place] + 0.0 for place, sign in self.axes)
         return forward, left, up
-
-
-def _unit(axis: BodyAxis) -> tuple[int, int, int]:
-    sign = -1 if axis.startswith("-") else 1
-    x, y, z = (sign * int(axis[-1] == name) for name in "xyz")
-    return x, y, z
 
 
 class ThreadPair(RigTable):

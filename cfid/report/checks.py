@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from uncertainties import UFloat
 
-from cfid.published import axis_of
 from cfid.quantities.registry import range_of, registered, unit_of
 from cfid.quantities.values import ENTRIES, is_number
 from cfid.records.parameters import plain
@@ -70,8 +69,7 @@ def _pairs(values: Values) -> Iterator[_Pair]:
         if _are_parallel(values, *mounts):
             near, far = ((f"mount {mount}", _number(values, f"inertia.centre_kg_m2.{mount}")) for mount in mounts)
             yield _Pair("Inertia about one axis by two distances", "kg m^2", near, far)
-    frame = vehicle.body_frame
-    for name, axis in (("roll", frame.forward), ("pitch", frame.left), ("yaw", frame.up)):
+    for name, (axis, _) in zip(("roll", "pitch", "yaw"), vehicle.body_frame.axes, strict=True):
         flown = flight, _number(values, f"flight.inertia_kg_m2.{name}")
         yield _Pair(f"Moment of inertia about {name}", "kg m^2", flown, ("cfid fit inertia", _moment(values, axis)))
     yield _Pair(per_command, "N", (flight, _slope(values, "flight.thrust_poly")), (thrust_map, slope))
@@ -203,7 +201,7 @@ def _are_parallel(values: Values, first: str, second: str) -> bool:
     return bool(np.linalg.norm(np.cross(one, other)) < _PARALLEL * np.linalg.norm(one) * np.linalg.norm(other))
 
 
-def _moment(values: Values, axis: str) -> UFloat | None:
+def _moment(values: Values, axis: int) -> UFloat | None:
     """Return 1 / (J^-1)_ii of the inertia matrix J: a torque about axis i over the angular acceleration about axis i.
 
     This is what a flight shows, since other torques are not correlated with this one, and the products of inertia turn
@@ -214,9 +212,8 @@ def _moment(values: Values, axis: str) -> UFloat | None:
     matrix = np.zeros((3, 3)) if inertia is None else np.array(inertia.parameter.value, dtype=np.float64)
     if inertia is None or not np.linalg.det(matrix) > 0:
         return None
-    place, _ = axis_of(axis)
-    column = np.linalg.inv(matrix)[place]
-    turning = column / column[place]
+    column = np.linalg.inv(matrix)[axis]
+    turning = column / column[axis]
     return inertia.number([turning[i] * turning[j] * (1 if i == j else 2) for i, j in ENTRIES.values()])
 
 

@@ -1,5 +1,6 @@
 """`cfid report`: write a campaign's results to one file."""
 
+import json
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Literal, get_args
@@ -8,11 +9,13 @@ import typer
 
 from cfid.console.campaign import here
 from cfid.console.messages import echo, note
+from cfid.console.program import program
 from cfid.errors import ConfigError
 from cfid.guide.command import Kind
 from cfid.report.build import build
 from cfid.report.render import rendered
 from cfid.report.sealed import write_report
+from cfid.version import __version__
 
 Format = Literal["html", "md", "json", "tex"]
 
@@ -48,6 +51,10 @@ def report(
     content = build(found, now=datetime.now(UTC), kind=kind)
     write_report(path, rendered(content, chosen, found.folder), force=force)
     disagreements = [agreement["finding"] for agreement in content["agreements"] if agreement["finding"]]
-    for sentence in (*content["unreadable"], *disagreements):
+    notes = [*content["unreadable"], *disagreements]
+    if program().json:
+        echo(json.dumps({"command": "report", "file": str(path), "notes": notes, "version": __version__}, indent=2))
+        return
+    for sentence in notes:
         note(sentence)
     echo(path)

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cfid.published import Row, Table, axis_of, tables, turned
+from cfid.published import Row, Table, tables, turned
 from cfid.quantities.values import evaluate
 from cfid.records.covariances import shaped_as
 from cfid.records.parameters import plain
@@ -123,7 +123,7 @@ def _drag(values: Values) -> _Yours:
     drag, frame = values.find("drag.simple_kg_per_rad"), values.rig.vehicle.body_frame
     if drag is None:
         return _Yours()
-    places = [axis_of(name)[0] for name in (frame.forward, frame.left, frame.up)]
+    places = [place for place, _ in frame.axes]
     value, std = drag.parameter.value, drag.parameter.std
     return _Yours([value[i] for i in places], [std[i] for i in places] if std else (), (drag,))
 

@@ -41,6 +41,16 @@ def test_a_file_is_written_into_the_campaign_and_its_path_is_all_of_stdout(cfid:
     assert "rotor_inertia_kg_m2" in ended.stderr  # not measured
 
 
+def test_json_names_the_files_and_what_to_know_of_them(cfid: Cfid, campaign: Path) -> None:
+    one, several = (
+        json.loads(cfid("export", *words, "--json").stdout) for words in (("crazyflow",), ("samples", "--n", "5"))
+    )
+
+    assert [Path(path).name for path in one["files"]] == ["crazyflow_params.toml"]
+    assert "rotor_inertia_kg_m2" in one["notes"][-1]
+    assert (len(several["files"]), several["draws"], several["rejected"]) == (4, 200, {})
+
+
 def test_out_is_a_file_or_stdout(cfid: Cfid, campaign: Path) -> None:
     assert tomllib.loads(cfid("export", "crazyflow", "--out", "-").stdout)["cf2x_L250"]["mass"] == 0.028
     assert not (campaign / "exports").exists()
@@ -154,7 +164,7 @@ def test_what_no_export_could_take_is_not_set_by_hand(cfid: Cfid, campaign: Path
 
 @pytest.mark.parametrize(
     "words",
-    [("crazyfly",), ("mujoco", "--json"), (), ("firmware", "--n", "5"), ("samples", "--out", "-")],
+    [("crazyfly",), ("mujoco", "--json", "--out", "-"), (), ("firmware", "--n", "5"), ("samples", "--out", "-")],
 )
 def test_wrong_words_are_usage_errors(cfid: Cfid, campaign: Path, words: tuple[str, ...]) -> None:
     before = files(campaign)

@@ -1,4 +1,4 @@
-"""A campaign's own template is a target too; what others wrote into one reads no file and ends in time."""
+"""A campaign's own template is a target too; what others wrote into one reaches no file."""
 
 import json
 import os
@@ -128,19 +128,12 @@ def test_a_template_reaches_nothing_but_numbers(body: str, campaign: Path) -> No
 @pytest.mark.parametrize(
     ("body", "place"),
     [
-        (f"{'{% for i in range(9999) %}' * 3}{'{% endfor %}' * 3}", "mine.j2"),
-        ("{{ 'x' * 9000000000 }}", "mine.j2"),
-        ("{% for i in range(9999) %}{{ 'x' * 9999 }}{% endfor %}", "mine.j2"),
         ("\n\n{{ 1 / 0 }}", "mine.j2, line 9:"),
         ("\n{% for", "mine.j2, line 8:"),
     ],
-    ids=["time", "memory", "output", "error", "syntax"],
+    ids=["error", "syntax"],
 )
-def test_a_template_that_takes_too_much_or_is_wrong_ends_and_is_named(
-    body: str, place: str, cfid: Cfid, campaign: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    if body.count("range") > 1:
-        monkeypatch.setattr("cfid.export.render._LONGEST_S", 5.0)
+def test_a_template_that_is_wrong_is_named_with_the_line(body: str, place: str, cfid: Cfid, campaign: Path) -> None:
     write(campaign, body)
     ended = cfid("export", "mine")
 

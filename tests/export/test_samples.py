@@ -268,7 +268,7 @@ def test_every_vehicle_that_is_delivered_is_possible_and_the_rejected_share_is_s
         share = float(file["rejected_share"])
 
     printed = re.search(
-        r"(\d+\.\d) % of (\d+) draws rejected: motor\.torque_poly does not rise \((\d+)\)", ended.stdout
+        r"(\d+\.\d) % of (\d+) draws rejected: motor\.torque_poly does not rise \((\d+)\)", ended.stderr
     )
     assert printed is not None
     assert share == pytest.approx(int(printed[3]) / int(printed[2]), abs=0.01)

@@ -28,6 +28,7 @@ def test_the_report_is_a_page_in_the_campaign_folder_and_replaces_itself(cfid: C
 
     assert ended.stdout.strip() == str(campaign / "report.html")
     assert (campaign / "report.html").read_text().startswith("<!DOCTYPE html>")
+    assert json.loads(cfid("report", "--json").stdout)["file"] == str(campaign / "report.html")
 
 
 def test_the_name_of_the_file_states_its_format(cfid: Cfid, campaign: Path) -> None:
