@@ -121,8 +121,8 @@ def read_commands(run: Run) -> tuple[Rows, Array]:
     return rows, np.column_stack([rows.columns[name] for name in _MOTORS])
 
 
-def shown_at_commands(run: Run, device: str, column: str) -> tuple[Rows, Array, Array]:
-    """Return an instrument's rows, commands (n,) of the motors that ran, and the mean (n,) that it showed at each.
+def shown_at_commands(run: Run, device: str, column: str) -> tuple[Rows, Array, Array, Array]:
+    """Return an instrument's rows, commands (n,) of the motors that ran, the means (n,) that it showed, and their ends.
 
     Only the second half of each command counts: a display of numbers takes seconds to settle. A command during which
     a run ended early does not count, since `--resume` holds it again. Raises DataError.
@@ -135,8 +135,8 @@ def shown_at_commands(run: Run, device: str, column: str) -> tuple[Rows, Array, 
     for step_s, end_s, command in zip(log.time_s, ends_s, commands.max(axis=1), strict=True):
         inside = (shown.time_s > (step_s + end_s) / 2) & (shown.time_s <= end_s)
         if inside.any() and (command == 0 or end_s - step_s >= least_s):
-            means.append((command, shown.columns[column][inside].mean()))
-    return shown, *np.reshape(means, (-1, 2)).T
+            means.append((command, shown.columns[column][inside].mean(), end_s))
+    return shown, *np.reshape(means, (-1, 3)).T
 
 
 def reported_speeds_rad_s(rows: Rows) -> dict[int, Array]:

@@ -17,8 +17,9 @@ from cfid.motors.maps.estimation import (
     invert,
     maximum_thrust,
 )
-from cfid.motors.maps.scales import scales_thrust_n, verify_thrust
+from cfid.motors.maps.scales import verify_thrust
 from cfid.motors.points import Points, command_means, frame, joined, motor_table, rotor_speed_rad_s
+from cfid.motors.weighing import scales_thrust_n
 from cfid.recordings.stand import StandTable, read_stand, stand_of
 from tests.lab import DATA
 

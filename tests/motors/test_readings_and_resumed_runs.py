@@ -18,13 +18,14 @@ from cfid.motors.plan import expected_of, missing
 from cfid.recordings.resumed import steps_left
 from cfid.recordings.vehicle import shown_at_commands
 from cfid.records.choose import labelled
-from cfid.records.rig_file import RigFacts, Tachometer
+from cfid.records.rig_file import RigFacts, Scales, Tachometer
 from cfid.records.run import Run, Verdict, amend_run, read_run, write_header
 from tests.lab import STARTED, Cfid, made_run, new_campaign
 from tests.motors.stand_in_a_folder import BEGIN_S, climbed, write_run
 from tests.motors.test_motor_fits import content_of, true_thrust_n
 
 COMMANDS = (0, 20000, 30000, 40000, 50000)
+MARKED = RigFacts(tachometer=Tachometer(markers=2))
 HELD: dict[str, Any] = {"motors": [1, 3], "hold_s": 2.0, "rest_s": 1.0}
 
 
@@ -42,6 +43,7 @@ def typed(
     *,
     state: Any = "complete",
     minute: int = 0,
+    facts: RigFacts = MARKED,
     **requested: Any,
 ) -> Run:
     """Write a run with the speeds or weights that an operator typed at commands."""
@@ -56,7 +58,7 @@ def typed(
         {"readings": columns},
         state=state,
         started=STARTED + timedelta(minutes=minute),
-        facts=RigFacts(tachometer=Tachometer(markers=2)),
+        facts=facts,
         requested={"steps": tuple(readings), **HELD, **requested},
     )
 
@@ -105,12 +107,39 @@ def test_readings_that_the_fit_rejects_are_of_no_use_unless_the_vehicle_is_of_an
     assert of_readings(typed(tmp_path / "other", "speed", half)).startswith("3 readings at 3 steps")
 
 
-def test_runs_without_a_map_of_their_own_are_refused(tmp_path: Path) -> None:
-    run = typed(tmp_path, "scales", {0: 60.0, 20000: 57.5})
-    with pytest.raises(DataError, match=f"`verify` {run.folder.name}"):
-        fit_thrust(run)
+def test_a_run_in_which_no_reading_was_typed_is_refused(tmp_path: Path) -> None:
     with pytest.raises(DataError, match="no reading was typed"):
         fit_speed(typed(tmp_path, "speed", {}))
+
+
+def test_scales_alone_give_a_map_whose_intervals_hold(tmp_path: Path) -> None:
+    """Four motors on kitchen scales of 0.1 g whose display flickers; steps scatter, and the scales' gain is off."""
+    rng, steps = np.random.default_rng(3), (0, *range(8000, 64001, 4000))
+    true_n = float(true_thrust_n(65535))
+    pulls, stds = [], []
+    for draw in range(120):
+        gain, rest_g = 1 + 0.002 * rng.standard_normal(), 180 + 30 * rng.random()
+        readings = {}
+        for at in steps:
+            weight_g = 4e3 * float(true_thrust_n(at) if at else 0.0) / 9.81
+            flicker = 1 + 3e-3 * rng.standard_normal()
+            readings[at] = round(rest_g - gain * flicker * weight_g + 0.1 * rng.standard_normal(), 1)
+        run = typed(
+            tmp_path / str(draw),
+            "scales",
+            readings,
+            facts=RigFacts(scales=Scales(linearity_std=0.002)),
+            motors=(1, 2, 3, 4),
+        )
+        largest = fit_thrust(run).quantities["motor.max_thrust_n"]
+        assert largest.std is not None
+        pulls.append((largest.value - true_n) / largest.std)
+        stds.append(largest.std / true_n)
+    cover, rms = np.mean(np.abs(pulls) < 1.96), np.sqrt(np.mean(np.square(pulls)))
+    print(f"cover {cover:.3f}, rms {rms:.2f}, std {100 * np.mean(stds):.2f} %")
+
+    assert 0.90 <= cover <= 0.99
+    assert np.mean(stds) < 0.006
 
 
 def test_a_staircase_whose_torque_is_dead_is_good_for_thrust_and_gives_no_torque(tmp_path: Path) -> None:

@@ -32,6 +32,7 @@ from cfid.large import chosen_rows, side_by_side
 from cfid.motors.data import RunStaircase, channels_of, reduce_run, reduce_speeds, without_dead
 from cfid.motors.points import Points, column, frame, joined, points_of, rotor_speed_rad_s
 from cfid.motors.vibration.data import Rotors, speeds_from_vibration
+from cfid.motors.weighing import weighed_thrusts
 from cfid.recordings.read import kind_at, read_recording
 from cfid.recordings.recording import How
 from cfid.recordings.resumed import with_completed
@@ -57,6 +58,7 @@ from cfid.units import DEAD_COMMAND, FULL_COMMAND, MOTORS, USUAL_GRAVITY_MPS2
 Array = npt.NDArray[np.float64]
 
 _BIAS = slice(9, 60)  # MATLAB's 10:60
+_MEASURED_BY = {"thrust": ("thrust", "scales"), "speed": ("speed",)}  # kinds of runs of each map, the best first
 _LEAST_HELD_S = 0.2  # five time constants of the fastest rotor
 _TOGETHER = 0.8  # share of the rows with a thrust that also have a torque
 _MOST_NAMED = 8  # steps left out, up to which each has its own sentence
@@ -107,7 +109,8 @@ class Evidence:
     """Steady points of one motor, and where they come from.
 
     `expected` are the commands that were requested. `loadcells` and `tachometers` are the facts of the rigs whose load
-    cell or tachometer measured the points; `drifts` are the drifts of load cells within a recording.
+    cell or tachometer measured the points, `scales` those whose scales did; `drifts` are the drifts of load cells
+    within a recording.
     """
 
     points: Points
@@ -119,6 +122,7 @@ class Evidence:
     loadcells: tuple[RigFacts, ...] = ()
     drifts: tuple[Cause, ...] = ()
     tachometers: tuple[RigFacts, ...] = ()
+    scales: tuple[RigFacts, ...] = ()
 
 
 Measurement = Evidence | StandTable | Run | Path | str
@@ -150,7 +154,7 @@ def _evidence_in(
     path = measurement.folder if isinstance(measurement, Run) else Path(measurement)
     run = run_at(path)
     if run is not None and not holds_stand(path):
-        return of_run(run, stand, rotors=rotors)
+        return of_run(run, stand, rotors=rotors, gravity_mps2=gravity_mps2)
     if stand.window_s is not None or stand.flip_fz is not None:
         raise ConfigError(
             f"a window and `flip_fz` are for a load cell's recording, and {path} is a thrust stand's table."
@@ -190,7 +194,7 @@ def read_evidence(
                 refuse_contradiction(word, {"command": at}, {"command": run.header.requested.get("steps")})
             parts.append(of_file(at, Path(file), stand.where(stand.facts), method=method, rotors=rotors))
             continue
-        path = find_recording(word, workplace, _of_kinds(kind, STAND))
+        path = find_recording(word, workplace, _of_kinds(*_MEASURED_BY[kind], STAND))
         is_run = run_at(path) is not None and not holds_stand(path)
         if not is_run and not holds_stand(path) and kind_at(path) == "wrench":
             raise DataError(f"{path}: a load cell's file needs its command: write COMMAND={path}.")
@@ -213,8 +217,11 @@ def read_evidence(
 def _chosen(words: Sequence[str], workplace: Workplace, kind: str, *, tables: int) -> Sequence[str]:
     if workplace.campaign is None or (tables and not words):
         return words
-    suits = _of_kinds(kind, STAND) if words else labelled(kind)  # a stand is taken where it is named
-    return chosen(words, workplace.campaign, suits=suits, wanted=f"runs of cfid log {kind}")
+    recorded = {run.header.kind for run in workplace.campaign.runs()}
+    first = next((instrument for instrument in _MEASURED_BY[kind] if instrument in recorded), kind)
+    # A stand, and scales beside a load cell, are taken where they are named.
+    suits = _of_kinds(*_MEASURED_BY[kind], STAND) if words else labelled(first)
+    return chosen(words, workplace.campaign, suits=suits, wanted=f"runs of cfid log {first}")
 
 
 def _of_kinds(*kinds: str) -> Matches:
@@ -277,8 +284,10 @@ def _plain(record: WrenchRecord, points: Points, *findings: Finding) -> Evidence
     return Evidence(points=points, findings=(*record.findings, *findings), sources=(record.source,))
 
 
-def of_run(run: Run, stand: Stand, *, rotors: Rotors | None = None) -> Evidence:
-    """Return what a run measured of a motor: a staircase on the load cell, typed readings, or speeds it reported."""
+def of_run(
+    run: Run, stand: Stand, *, rotors: Rotors | None = None, gravity_mps2: float = USUAL_GRAVITY_MPS2
+) -> Evidence:
+    """Return what a run measured of a motor: steps on the load cell or scales, typed readings, or reported speeds."""
     if stand.window_s is not None:
         raise ConfigError(
             f"{run.folder.name}: it states when commands were held: a window is for files of one command."
@@ -291,10 +300,14 @@ def of_run(run: Run, stand: Stand, *, rotors: Rotors | None = None) -> Evidence:
         return of_record(wrench_of(read_recording(run.folder)), run, stand, rotors)
     if (holds(run, READINGS) and "rpm" in typed) or holds(run, TACHOMETER):
         return _of_tachometer(run, stand)
-    if SCALES in run.header.devices or "grams" in typed:
-        raise DataError(
-            f"{run.folder}: a run of scales gives no map of its own. `cfid fit thrust` verifies one of other runs with "
-            f"it: `verify` {run.folder.name}."
+    if (holds(run, READINGS) and "grams" in typed) or holds(run, SCALES):
+        weighed = weighed_thrusts(run, gravity_mps2=gravity_mps2)
+        return Evidence(
+            points=weighed.points,
+            findings=weighed.findings,
+            sources=(weighed.source,),
+            expected=tuple(step for step in _requested(run) if step > DEAD_COMMAND),
+            scales=(stand.facts,),
         )
     if typed:
         raise DataError(f"{run.folder}: no reading was typed in it.")
@@ -428,7 +441,7 @@ def _of_tachometer(run: Run, stand: Stand) -> Evidence:
         rows = read_rows(run, READINGS)
         command, rpm = rows.columns["command"], rows.columns["rpm"]
     else:
-        rows, command, rpm = shown_at_commands(run, TACHOMETER, "rpm")
+        rows, command, rpm, _ = shown_at_commands(run, TACHOMETER, "rpm")
         if not np.any(command > 0):
             raise DataError(f"{run.folder}: no command was held to its end.")
         command, rpm = command[command > 0], rpm[command > 0]

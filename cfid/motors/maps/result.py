@@ -14,6 +14,7 @@ from cfid.errors import FitError
 from cfid.estimate.common_causes import (
     force_scales,
     power_law,
+    scales_of_weights,
     tachometer_scales,
     thrust_in_torque,
     torque_scales,
@@ -284,7 +285,7 @@ def _result(
     )
     drifts = dict.fromkeys(evidence.drifts, 1 / max(len(evidence.reduced), 1))
     measured = {
-        "N": force_scales(evidence.loadcells) | drifts,
+        "N": force_scales(evidence.loadcells) | scales_of_weights(evidence.scales) | drifts,
         "N m": torque_scales(evidence.loadcells) | drifts,
         "rad/s": tachometer_scales(evidence.tachometers),
     }

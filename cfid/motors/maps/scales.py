@@ -1,9 +1,8 @@
 """Verification of the thrust map with scales under the vehicle (section 3.3.1, figure 3.9)."""
 
 import math
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,39 +13,15 @@ from cfid.estimate.common_causes import force_scales, scales_of_weights
 from cfid.findings import Finding, warning
 from cfid.motors.maps.data import Stand
 from cfid.motors.maps.estimation import MotorMap
-from cfid.recordings.resumed import with_completed
+from cfid.motors.weighing import Weighing, weighing_of
 from cfid.recordings.stand import holds_stand, read_stand, stand_of
-from cfid.recordings.vehicle import READINGS, SCALES, TakenBackError, holds, read_rows, shown_at_commands
 from cfid.records.rig_file import RigFacts
-from cfid.records.run import Run, run_at
+from cfid.records.run import run_at
 from cfid.units import DEAD_COMMAND
 
 Array = npt.NDArray[np.float64]
 
-_STANDING_N = 1e-3  # less than any motor that turns gives: 0.1 g
 _DIFFERS = 0.1  # rms over the map's largest thrust there; different batteries cause a few hundredths
-
-
-@dataclass(frozen=True, kw_only=True)
-class Weighing:
-    """Commands (n,), grams (n,) that scales showed, how many motors ran, and the facts of the rig.
-
-    `rest_g` (n,) is the weight at rest with which each reading is compared, None where that is the mean of the readings
-    at rest. `parts` maps the name of each run to its commands.
-    """
-
-    command: Array
-    grams: Array
-    motors: int
-    facts: RigFacts
-    rest_g: Array | None = None
-    parts: Mapping[str, Array] = field(default_factory=dict)
-
-    def thrust_n(self, gravity_mps2: float) -> Array:
-        """Return one motor's thrusts (n,). Raises as `scales_thrust_n`."""
-        return scales_thrust_n(
-            self.command, self.grams, motors=self.motors, gravity_mps2=gravity_mps2, rest_g=self.rest_g
-        )
 
 
 def read_scales(path: Path, stand: Stand) -> Weighing:
@@ -58,80 +33,6 @@ def read_scales(path: Path, stand: Stand) -> Weighing:
     if table.grams is None:
         raise DataError(f"{path}: no column 'grams': the scales' display at each cmd.")
     return Weighing(command=table.command, grams=table.grams, motors=stand.motors or 1, facts=stand.facts)
-
-
-def weighing_of(run: Run) -> Weighing:
-    """Return what scales showed in a run and in those that it completes.
-
-    Each part is compared with its own weight at rest, since the vehicle may have been set down anew; a part without a
-    reading at rest is compared with that of the part before. Raises DataError.
-    """
-    readings: dict[str, tuple[Array, Array]] = {}
-    for part in with_completed(run)[:-1]:
-        with suppress(TakenBackError):
-            if holds(part, READINGS) or holds(part, SCALES):
-                readings[part.folder.resolve().name] = _readings_of(part)
-    readings[run.folder.resolve().name] = _readings_of(run)
-    command, grams = (np.concatenate(values) for values in zip(*readings.values(), strict=True))
-    return Weighing(
-        command=command,
-        grams=grams,
-        motors=len(run.header.requested.get("motors", ())) or 1,
-        facts=run.header.rig,
-        rest_g=_rest_g(list(readings.values())),
-        parts={name: commands for name, (commands, _) in readings.items()},
-    )
-
-
-def _rest_g(parts: Sequence[tuple[Array, Array]]) -> Array:
-    """Return the weight at rest (n,) for each reading of some parts, nan where no part has one."""
-    rests = [float(grams[at].mean()) if (at := command <= DEAD_COMMAND).any() else None for command, grams in parts]
-    rest_g, columns = next((rest for rest in rests if rest is not None), np.nan), list[Array]()
-    for rest, (command, _) in zip(rests, parts, strict=True):
-        rest_g = rest_g if rest is None else rest
-        columns.append(np.full(len(command), rest_g))
-    return np.concatenate(columns)
-
-
-def _readings_of(run: Run) -> tuple[Array, Array]:
-    """Return commands (n,) and grams (n,): typed readings, or means of those in the second half of each step."""
-    if holds(run, READINGS):
-        rows = read_rows(run, READINGS)
-        if "grams" not in rows.columns:
-            raise DataError(f"{rows.source.path}: no column 'grams': this is no run of `cfid log scales`.")
-        return rows.columns["command"], rows.columns["grams"]
-    if not holds(run, SCALES):
-        raise DataError(f"{run.folder}: holds no scales: `cfid log scales` records them.")
-    _, command, grams = shown_at_commands(run, SCALES, "grams")
-    return command, grams
-
-
-def scales_thrust_n(
-    command: Array, grams: Array, *, motors: int, gravity_mps2: float, rest_g: Array | None = None
-) -> Array:
-    """Return one motor's thrusts (n,) in N from readings of scales (n,), as the change of weight from motors at rest.
-
-    Thrust reduces the weight; a reading that grows with the command is taken with the opposite sign. Readings of
-    several recordings have a weight at rest `rest_g` (n,) each; otherwise it is the mean of the readings at rest.
-
-    Raises FitError without a reading of motors at rest, and where the display stands still.
-    """
-    standing = command <= DEAD_COMMAND
-    if not standing.any() or standing.all():
-        raise FitError(
-            f"scales show a change of weight: readings at command 0 and above {DEAD_COMMAND} are needed, and these "
-            f"are from {command.min():.0f} to {command.max():.0f}."
-        )
-    lighter = (grams[standing].mean() if rest_g is None else rest_g) - grams
-    upwards = math.copysign(1.0, float(lighter[~standing].sum()))
-    thrust_n = np.asarray(upwards * lighter * 1e-3 * gravity_mps2 / motors)
-    if np.abs(thrust_n).max() < _STANDING_N:
-        raise FitError(
-            f"the scales show {grams.min():g} to {grams.max():g} g at every command from {command.min():.0f} to "
-            f"{command.max():.0f}: the display stands still, or the motors never ran. A motor that turns changes it by "
-            "0.1 g or more."
-        )
-    return thrust_n
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,9 +11,9 @@ from cfid.errors import DataError, FitError
 from cfid.findings import joined, texts
 from cfid.motors.maps.data import Evidence, Stand, counted_in, of_completed, of_record, together
 from cfid.motors.maps.result import fit_speed, fit_thrust, fit_torque
-from cfid.motors.maps.scales import weighing_of
 from cfid.motors.plan import FEWEST_COMMANDS, StaircasePlan, expected_of
 from cfid.motors.points import column
+from cfid.motors.weighing import weighing_of
 from cfid.quantities.registry import range_of
 from cfid.recordings.read import read_recording
 from cfid.recordings.vehicle import (
@@ -135,7 +135,7 @@ def _of_instrument(run: Run, plan: StaircasePlan) -> str:
     for device, (name, unit, shows) in _SHOWN.items():
         if not holds(run, device):
             continue
-        _, command, value = shown_at_commands(run, device, name)
+        _, command, value, _ = shown_at_commands(run, device, name)
         driven, readings = command[command > 0], value[command > 0]
         if not len(driven):
             raise DataError("no command was held to its end.")
