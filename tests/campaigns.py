@@ -52,9 +52,9 @@ def _in_a_process(words: list[str], folder: Path) -> subprocess.CompletedProcess
 
 
 @pytest.fixture
-def tf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Here:
+def tf(tmp_path: Path) -> Here:
     """Run `cfid tf` within this process in an empty folder."""
-    return Here(tmp_path, monkeypatch, capsys)
+    return Here(tmp_path)
 
 
 @pytest.fixture(scope="session")

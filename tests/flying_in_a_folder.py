@@ -5,11 +5,9 @@ The test sees what the motors do, on the clock that it shares with every process
 
 import os
 import re
-import subprocess
-import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import AbstractContextManager, closing
 from pathlib import Path
 from typing import Any
 
@@ -24,31 +22,18 @@ from cfid.sim.faults import CrazyflieFaults, LoadCellFaults
 from cfid.sim.propulsion import STILL, Four
 from cfid.sim.service import ServedRig
 from cfid.sim.truth import SimTruth
-from tests.priority import kept_waiting_s, run_devices
-from tests.processes import started
+from tests.priority import kept_waiting_s
+from tests.rig_in_a_folder import LONGEST_S, Running, in_a_loop
 
-LONGEST_S = 120.0  # any step may take this long on a busy computer
 LOADCELL_HZ = 700
 
 
-class Pilot:
+class Pilot(Running):
     """A running `cfid` that may drive motors."""
 
     def __init__(self, bench: "Bench", words: tuple[object, ...], **options: Any) -> None:
+        super().__init__(words, bench.folder, bench.environment, **options)
         self._bench = bench
-        files = [bench.folder / f".{name}{time.monotonic_ns()}" for name in ("out", "err")]
-        self._out, self._err = files
-        with self._out.open("wb") as out, self._err.open("wb") as err:
-            options = {"stdout": out, "stderr": err, **options}
-            self.process = started(words, cwd=bench.folder, env=bench.environment, **options)
-
-    @property
-    def out(self) -> str:
-        return self._out.read_text()
-
-    @property
-    def err(self) -> str:
-        return self._err.read_text()
 
     def wait_until_motors_run(self, for_s: float = 0.2) -> None:
         """Wait until motors have run for `for_s` seconds."""
@@ -63,10 +48,7 @@ class Pilot:
 
     def end(self) -> int:
         """Wait for the end of the program and return its exit code."""
-        try:
-            return self.process.wait(LONGEST_S)
-        except subprocess.TimeoutExpired:
-            raise AssertionError(f"does not end\n{self.out}{self.err}") from None
+        return self.wait()
 
 
 class Bench:
@@ -146,31 +128,15 @@ class Bench:
 
     def close(self) -> None:
         for pilot in self._pilots:
-            if pilot.process.poll() is None:
-                pilot.process.kill()
-            pilot.process.wait()
+            pilot.kill()
             if pilot.process.stdin is not None:
                 pilot.process.stdin.close()
         self.in_loop(self._served.close)
 
 
-@contextmanager
-def bench_in(folder: Path, *, hung_on: str | None = None, **truth: Any) -> Iterator[Bench]:
-    """Open a bench in a folder, in a separate loop; `truth` contains tables of the truth file.
+def bench_in(folder: Path, *, hung_on: str | None = None, **truth: Any) -> AbstractContextManager[Bench]:
+    """Open a bench in a folder; `truth` contains tables of the truth file.
 
     With `hung_on`, its vehicle swings on that mount.
     """
-    loop = Loop()
-    thread = threading.Thread(target=run_devices, args=(loop,))
-    thread.start()
-    try:
-        bench = Bench(folder, loop, hung_on=hung_on, **truth)
-        try:
-            yield bench
-        finally:
-            bench.close()
-    finally:
-        loop.callFromThread(loop.stop)
-        thread.join(5)
-    assert not thread.is_alive()
-    loop.close()
+    return in_a_loop(lambda loop: closing(Bench(folder, loop, hung_on=hung_on, **truth)))

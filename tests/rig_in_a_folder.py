@@ -10,7 +10,7 @@ import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -41,20 +41,47 @@ LONGEST_S = 120.0  # any step may take this long on a busy computer
 Act = TypeVar("Act")
 
 
-class Command:
-    """A running `cfid`."""
+Devices = TypeVar("Devices")
 
-    def __init__(self, words: tuple[object, ...], *, lab: "Lab", **options: Any) -> None:
-        self._lab = lab
-        self._files = [lab.folder / f".{name}{len(lab.commands)}" for name in ("out", "err")]
+
+class Running:
+    """A running `cfid`, whose output goes to files in its folder."""
+
+    def __init__(self, words: tuple[object, ...], folder: Path, environment: dict[str, str], **options: Any) -> None:
+        self._files = [folder / f".{name}{time.monotonic_ns()}" for name in ("out", "err")]
         with self._files[0].open("wb") as out, self._files[1].open("wb") as err:
             options = {"stdout": out, "stderr": err, **options}
-            self.process = started(words, cwd=lab.folder, env=lab.environment, **options)
+            self.process = started(words, cwd=folder, env=environment, **options)
+
+    @property
+    def out(self) -> str:
+        """The output so far."""
+        return self._files[0].read_text()
 
     @property
     def err(self) -> str:
         """The output on stderr so far."""
         return self._files[1].read_text()
+
+    def wait(self) -> int:
+        """Wait for its end and return its exit code."""
+        try:
+            return self.process.wait(LONGEST_S)
+        except subprocess.TimeoutExpired:
+            raise AssertionError(f"does not end\n{self.out}{self.err}") from None
+
+    def kill(self) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.wait()
+
+
+class Command(Running):
+    """A command that records, or asks devices."""
+
+    def __init__(self, words: tuple[object, ...], *, lab: "Lab", **options: Any) -> None:
+        super().__init__(words, lab.folder, lab.environment, **options)
+        self._lab = lab
 
     def wait_until_said(self, text: str, *, times: int = 1) -> None:
         self.wait_until(lambda: self.err.count(text) >= times, text)
@@ -83,11 +110,7 @@ class Command:
 
         With `streaming`, check that the box continues to stream to another log.
         """
-        try:
-            code = self.process.wait(LONGEST_S)
-        except subprocess.TimeoutExpired:
-            raise AssertionError(f"does not end\n{self.err}") from None
-        out, err = (path.read_text() for path in self._files)
+        code, out, err = self.wait(), self.out, self.err
         assert "Traceback" not in err
         assert "Unhandled" not in err
         if code != 2:  # the usage of a command is printed in a frame
@@ -143,9 +166,7 @@ class Lab:
 
     def close(self) -> None:
         for command in self.commands:
-            if command.process.poll() is None:
-                command.process.kill()
-            command.process.wait()
+            command.kill()
         self.pull_plug()
         self.in_reactor(self._server.close)
 
@@ -166,22 +187,24 @@ class Lab:
 
 
 @contextmanager
-def lab_in(folder: Path) -> Iterator[Lab]:
-    """Open a rig in a folder, in a separate loop."""
-    reactor = Loop()
-    thread = threading.Thread(target=run_devices, args=(reactor,))
+def in_a_loop(make: Callable[[Loop], AbstractContextManager[Devices]]) -> Iterator[Devices]:
+    """Make devices on wires, which a loop in a thread of its own runs."""
+    loop = Loop()
+    thread = threading.Thread(target=run_devices, args=(loop,))
     thread.start()
     try:
-        lab = Lab(folder, reactor)
-        try:
-            yield lab
-        finally:
-            lab.close()
+        with make(loop) as devices:
+            yield devices
     finally:
-        reactor.callFromThread(reactor.stop)
+        loop.callFromThread(loop.stop)
         thread.join(5)
     assert not thread.is_alive()
-    reactor.close()
+    loop.close()
+
+
+def lab_in(folder: Path) -> AbstractContextManager[Lab]:
+    """Open a rig in a folder."""
+    return in_a_loop(lambda loop: closing(Lab(folder, loop)))
 
 
 def wait_until(there: Callable[[], object], what: str) -> None:

@@ -10,10 +10,10 @@ import numpy.typing as npt
 
 from cfid.findings import texts
 from cfid.records.rig_file import NONE_STATED, RigFacts
-from cfid.records.run import DeviceRecord, Label, Run
-from cfid.records.run_writer import create_run
+from cfid.records.run import Run
 from cfid.sim.loadcell import LoadCellTruth
 from cfid.sim.propulsion import BatteryTruth, RotorTruth
+from tests.lab import made_run
 from tests.offline.stand import StandRecord, simulate_stand, staircase_steps
 
 Array = npt.NDArray[np.float64]
@@ -58,32 +58,29 @@ def write_run(
     **more: Any,
 ) -> Run:
     """Write a record as a `cfid log thrust` run in the campaign `folder`, optionally with the rpm of motors 1 and 3."""
-    rpm = np.empty((len(record.tick_s), 0)) if told_rpm is None else told_rpm
-    names = ("rpm.m1", "rpm.m3")[: rpm.shape[1]]
-    devices = {
-        "commands": DeviceRecord(file="commands.csv", columns=("t", "m1", "m2", "m3", "m4")),
-        "loadcell": DeviceRecord.model_validate(
-            {"file": "loadcell.csv", "columns": COLUMNS, "counts_per_n": 1e6, "counts_per_nm": 1e6}
-        ),
-        "crazyflie": DeviceRecord(file="crazyflie.csv", columns=("t", "vehicle_ms", "pm.vbat", *names)),
-    }
-    run = create_run(
-        folder / "runs",
-        kind="thrust",
-        label=Label(),
-        devices=devices,
+    rpm = () if told_rpm is None else told_rpm.T
+    counts = np.rint(record.wrench * 1e6).astype(np.int64)
+    number = np.arange(1, len(counts) + 1)
+    forces = (BEGIN_S + record.time_s, *counts.T, number, 7 * number, record.status.astype(np.int64))
+    motors = zip(("m1", "m2", "m3", "m4"), record.commands.astype(np.int64).T, strict=True)
+    return made_run(
+        folder,
+        "thrust",
+        {
+            "commands": {"t": BEGIN_S + record.command_time_s, **dict(motors)},
+            "loadcell": dict(zip(COLUMNS, forces, strict=True)),
+            "crazyflie": {
+                "t": BEGIN_S + record.tick_s,
+                "vehicle_ms": np.rint(1e3 * record.tick_s).astype(np.int64),
+                "pm.vbat": np.round(record.volts, 3),
+                **dict(zip(("rpm.m1", "rpm.m3"), rpm, strict=False)),
+            },
+        },
+        facts_of={"loadcell": {"counts_per_n": 1e6, "counts_per_nm": 1e6}},
         started=datetime(2026, 11, 21, tzinfo=UTC),
-        cfid_version="0",
         facts=facts,
         requested={"steps": list(steps), **more},
     )
-    counts = np.rint(record.wrench * 1e6).astype(np.int64)
-    number = np.arange(1, len(counts) + 1)
-    run.append("commands", (BEGIN_S + record.command_time_s, *record.commands.astype(np.int64).T))
-    run.append("loadcell", (BEGIN_S + record.time_s, *counts.T, number, 7 * number, record.status.astype(np.int64)))
-    ms = np.rint(1e3 * record.tick_s).astype(np.int64)
-    run.append("crazyflie", (BEGIN_S + record.tick_s, ms, np.round(record.volts, 3), *rpm.T))
-    return run.close("complete")
 
 
 def write_thesis_file(path: Path, record: StandRecord) -> Path:

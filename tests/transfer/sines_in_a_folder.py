@@ -1,21 +1,22 @@
 """Files of sine runs from the simulated bench: an index with shared load-cell files, and run folders."""
 
 import json
+import subprocess
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
-import pytest
 
-from cfid.cli.main import main
 from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import LoadCellMount, RigFacts
 from cfid.records.run import Run
-from tests.lab import made_run
+from tests.lab import made_run, run_cfid
 from tests.offline.sine_bench import Bench, LinearTruth, SimulatedSine, simulate_sines
+
+Said = subprocess.CompletedProcess[str]
 
 GAIN_N, LAG_S = 2.3828e-6, 0.0775  # near eq. 3.15
 TRUTH = LinearTruth(static_gain_n=GAIN_N, time_constant_s=LAG_S, vibration_n=0.02)
@@ -25,31 +26,19 @@ THESIS_MOUNT = RigFacts(loadcell=LoadCellMount(yaw_deg=-45.0, arm_mm=46.0))
 PERIODS = (0, 1, 2, 5, 10, 20, 30, 50, 75, 100)
 
 
-class Said(NamedTuple):
-    """The exit code and the output of a command."""
-
-    returncode: int
-    stdout: str
-    stderr: str
-
-
 class Here:
-    """Run `cfid tf` in this process, since a new process for each command would take minutes.
+    """Run `cfid tf` in a folder.
 
     The files that an index lists are recorded on the thesis' rig, where no rig.toml states another.
     """
 
-    def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-        self._capsys, self._folder = capsys, folder
-        monkeypatch.chdir(folder)
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
 
     def __call__(self, *words: object) -> Said:
         if "--index" in words and not (self._folder / RIG_FILE).is_file():
             words = (*words, "--geometry", "thesis")
-        with pytest.raises(SystemExit) as ended:
-            main(["tf", *map(str, words)])
-        captured = self._capsys.readouterr()
-        return Said(int(ended.value.code or 0), captured.out, captured.err)
+        return run_cfid(["tf", *words], self._folder)
 
     def json(self, *words: object, code: int = 0) -> dict[str, Any]:
         ended = self(*words, "--json")
