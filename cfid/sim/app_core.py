@@ -9,7 +9,6 @@ import subprocess
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 from cfid.errors import DeviceError
 from cfid.sim.propulsion import Four
@@ -141,7 +140,21 @@ def load_core() -> AppCore:
 @cache
 def load_library() -> ctypes.CDLL:
     """Return the core compiled with this machine's cc or gcc, once in a process. Raises DeviceError."""
-    return declared(compiled(find_source()), vehicle=ctypes.POINTER(Seen), orders=ctypes.POINTER(Orders))
+    library = compiled(find_source())
+    core, us, packet, flag = ctypes.c_char_p, ctypes.c_uint64, ctypes.POINTER(CorePacket), ctypes.c_bool
+    vehicle, orders = ctypes.POINTER(Seen), ctypes.POINTER(Orders)
+    for name, result, *arguments in (
+        ("cfid_core_size", ctypes.c_size_t),
+        ("cfid_core_init", None, core),
+        ("cfid_core_receive", None, core, packet, us, vehicle),
+        ("cfid_core_tick", None, core, us, vehicle, orders),
+        ("cfid_core_send", flag, core, packet),
+        ("cfid_core_alive", flag, core, us),
+        ("cfid_answer_ping", flag, packet, us, packet),
+    ):
+        function = getattr(library, str(name))
+        function.restype, function.argtypes = result, arguments
+    return library
 
 
 def compiled(source: Path) -> ctypes.CDLL:
@@ -168,20 +181,3 @@ def find_source() -> Path:
     if found is None:
         raise DeviceError(f"{files[0]}: no such file, so the simulated vehicle has no app: install cfid again.")
     return found
-
-
-def declared(library: ctypes.CDLL, *, vehicle: Any, orders: Any) -> ctypes.CDLL:
-    """Set the signatures of `cfid_core.h`, given its types of the vehicle and of the orders; return the library."""
-    core, us, packet, flag = ctypes.c_char_p, ctypes.c_uint64, ctypes.POINTER(CorePacket), ctypes.c_bool
-    for name, result, *arguments in (
-        ("cfid_core_size", ctypes.c_size_t),
-        ("cfid_core_init", None, core),
-        ("cfid_core_receive", None, core, packet, us, vehicle),
-        ("cfid_core_tick", None, core, us, vehicle, orders),
-        ("cfid_core_send", flag, core, packet),
-        ("cfid_core_alive", flag, core, us),
-        ("cfid_answer_ping", flag, packet, us, packet),
-    ):
-        function = getattr(library, str(name))
-        function.restype, function.argtypes = result, arguments
-    return library

@@ -115,14 +115,6 @@ def test_generated_tables_have_every_key_and_every_finding(made: dict[str, Any])
     assert len(rows) == len(dict(rows)) == made["findings"]().count("\n| `")
 
 
-def test_a_finding_whose_code_is_not_written_out_is_refused(made: dict[str, Any]) -> None:
-    source = "from cfid.findings import note as state\n"
-
-    assert list(made["findings_in"](source + 'state("a", f"b {1}")\n')) == [("a", "note", "b ...")]
-    with pytest.raises(ValueError, match="line 2"):
-        list(made["findings_in"](source + "for code in 'ab': state(code, '')\n"))
-
-
 def test_the_fall_of_table_2_3_is_as_the_page_states() -> None:
     figures = runpy.run_path(str(DOCS / "make_figures.py"))
     for peaks, printed in figures["TABLE_2_3"].items():

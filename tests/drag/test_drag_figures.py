@@ -10,8 +10,8 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from cfid.drag.comparison import DragModels, fit_models
-from cfid.drag.figures import coefficients_figure, drag_figures, forces_figure, models_figure
-from tests.drag.thesis_campaign import SIMPLE_AIR, exact, measured
+from cfid.drag.figures import coefficients_figure, drag_figures, models_figure
+from tests.drag.thesis_campaign import SIMPLE_AIR, measured
 
 Look = Callable[[Figure], Any]
 
@@ -30,19 +30,6 @@ def curves(axes: Axes) -> list[Any]:
     return [line for line in axes.get_lines() if len(np.asarray(line.get_xdata())) > 2]
 
 
-def test_each_component_has_a_panel_for_each_angle_and_a_line_for_each_wind(found: DragModels, look: Look) -> None:
-    page = forces_figure(found.experiments)
-
-    assert [len(curves(axes)) for axes in panels(page)] == [5] * 9
-    assert [axes.get_title("left") for axes in panels(page)[:3]] == [
-        "wind from 0°",
-        "wind from 48.4°",
-        "wind from 77.9°",
-    ]
-    assert [axes.get_ylabel() for axes in panels(page)[::3]] == ["fx (N)", "fy (N)", "fz (N)"]
-    assert not look(page).overlapping()
-
-
 def test_the_model_is_drawn_as_lines_through_the_measured_forces_and_squared_errors_are_listed(
     found: DragModels, look: Look
 ) -> None:
@@ -55,16 +42,6 @@ def test_the_model_is_drawn_as_lines_through_the_measured_forces_and_squared_err
     written = " ".join(text.get_text() for axes in page.axes for text in axes.texts)
     assert f"{found.fits['simple'].sse_n2:.4g} N²" in written
     assert "simple, by the Bayesian information criterion" in written
-    assert not look(page).overlapping()
-
-
-def test_a_rejection_of_the_chosen_model_is_written_in_red(look: Look) -> None:
-    experiments = exact(SIMPLE_AIR)
-    experiments.force_n[:] *= -1
-    found = fit_models(experiments)
-    page = models_figure(found)
-
-    assert any(text.get_text().startswith("Rejected: along x and y") for text in page.texts)
     assert not look(page).overlapping()
 
 

@@ -44,7 +44,7 @@ def result(folder: Path, mistake: str, seed: int) -> Result:
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
-@pytest.mark.parametrize("campaigns", [5, pytest.param(50, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("campaigns", [2, pytest.param(50, marks=pytest.mark.slow)])
 def test_a_mistake_is_never_accepted_and_sound_forces_are(tmp_path: Path, mistake: str, campaigns: int) -> None:
     accepted = [result(tmp_path, mistake, seed).accepted for seed in range(campaigns)]
     assert sum(accepted) == (campaigns if mistake == "sound" else 0)

@@ -512,16 +512,6 @@ def test_motors_under_other_numbers_turn_the_vehicle_the_wrong_way(flown: Flown)
     assert {"flight.inertia_kg_m2.roll", "flight.rising_s", "flight.single_lag_s"} <= set(result.rejected)
 
 
-@pytest.mark.parametrize("order", [[1, 2, 3, 0], pytest.param([3, 0, 1, 2], marks=slow)])
-def test_motors_that_are_numbered_from_another_corner_are_refused(flown: Flown, order: list[int]) -> None:
-    read = flight_of(flown[1][0])
-    with pytest.raises(CrossedError):
-        fit(
-            [replace(read, flight=replace(read.flight, command=read.flight.command[:, order]))],
-            body=body_of(flown[0], 0),
-        )
-
-
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_gyro_that_is_turned_by_a_quarter_is_refused(flown: Flown, sign: float) -> None:
     read = flight_of(flown[1][1])

@@ -215,18 +215,6 @@ def test_motion_capture_that_moves_otherwise_than_the_sensors_is_found(log: str)
         assert [one.code for one in velocity_findings(change(flight))] == ["flight-velocity-unlike-force"]
 
 
-@pytest.mark.parametrize("defect", [None, "half", pytest.param("attitude stuck", marks=pytest.mark.slow)])
-def test_motion_capture_that_moves_otherwise_than_the_sensors_costs_the_drag(defect: str | None) -> None:
-    flown = read(CIRCLE)
-    if defect:
-        moved = MOVED[defect](flown.flight)
-        flown = replace(flown, flight=moved, findings=tuple(velocity_findings(moved)))
-    result = fit([flown], body=ARM)
-    assert ("flight.drag_over_mass_per_s.forward" in result.rejected) is bool(defect)
-    if defect:
-        assert not any("drag" in key for key in result.without_rejected().quantities)
-
-
 def test_a_wrong_scale_of_the_accelerometer_costs_moments_or_is_a_warning() -> None:
     flown = read(*HALVES[0])
     for scale, severity in ((0.7, "rejection"), (2.0, "warning")):

@@ -7,6 +7,7 @@ stated ones.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import combinations
 from typing import NamedTuple
 
@@ -35,6 +36,7 @@ POINTS_MM = {
 STATED = {"mass_kg": 3e-5, "gravity_mps2": 0.003, "centre_m": 1e-4, "point_m": 1e-4, "tilt_rad": math.radians(0.3)}
 SWING_STD = 3e-5  # of W
 UPPER = np.triu_indices(3)
+slow = partial(pytest.param, marks=pytest.mark.slow)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,19 +147,21 @@ def hung_twice(rng: np.random.Generator, *, apart: float) -> InertiaFit:
     return lab.fitted(*lab.swings, replace(first, value=first.value * (1 + apart)))
 
 
-def test_a_body_that_is_hung_anew_swings_a_little_differently_and_contradicts_nothing() -> None:
+@pytest.mark.parametrize("count", [10, slow(40)])
+def test_a_body_that_is_hung_anew_swings_a_little_differently_and_contradicts_nothing(count: int) -> None:
     rng = np.random.default_rng(5)
-    fits = [hung_twice(rng, apart=rng.normal(0, 3e-4)) for _ in range(40)]
+    fits = [hung_twice(rng, apart=rng.normal(0, 3e-4)) for _ in range(count)]
 
     assert not any(map(rejected, fits))
     assert np.mean(np.abs([scores(fit) for fit in fits]) < 1.96) > 0.9
 
 
-def test_bodies_that_take_another_place_in_their_mount_each_time_contradict_nothing() -> None:
+@pytest.mark.parametrize("count", [10, slow(60)])
+def test_bodies_that_take_another_place_in_their_mount_each_time_contradict_nothing(count: int) -> None:
     """Each of three swings about a mount has all of the mount's errors anew, or half of their variance."""
     for anew in (0.5, 1.0):
         rng = np.random.default_rng(7)
-        fits = [Lab(hung_times=3, anew=anew).fitted(rng)[0] for _ in range(60)]
+        fits = [Lab(hung_times=3, anew=anew).fitted(rng)[0] for _ in range(count)]
 
         assert sum(map(rejected, fits)) <= 1
         assert reaches_93_percent(np.abs([scores(fit) for fit in fits]) < 1.96)
@@ -177,7 +181,7 @@ def test_an_exchange_that_no_body_allows_is_rejected() -> None:
     assert [finding.severity for finding in fit.findings if finding.code == "inertia-not-a-body"] == ["rejection"]
 
 
-@pytest.mark.parametrize("axes", [SIX, EIGHT], ids=["six", "eight"])
+@pytest.mark.parametrize("axes", [SIX, slow(EIGHT)], ids=["six", "eight"])
 def test_few_exchanges_of_two_swings_lead_to_another_possible_body(axes: dict[str, tuple[int, int, int]]) -> None:
     fits = [Lab(axes=axes, exchanged=pair).fitted(np.random.default_rng(1))[0] for pair in combinations(axes, 2)]
 
@@ -203,10 +207,11 @@ def test_a_quadrocopter_refuses_all_exchanges_of_six_swings_but_those_that_turn_
     assert moments == [pytest.approx(np.linalg.eigvalsh(TRUTH), rel=0.02)] * len(accepted)
 
 
-def test_no_sound_quadrocopter_is_refused_for_its_products() -> None:
+@pytest.mark.parametrize("count", [25, slow(200)])
+def test_no_sound_quadrocopter_is_refused_for_its_products(count: int) -> None:
     rng = np.random.default_rng(9)
     fits = []
-    for _ in range(200):
+    for _ in range(count):
         moments = rng.uniform((15e-6, 15e-6, 27e-6), (18e-6, 18e-6, 31e-6))
         correlation = np.eye(3)
         correlation[np.triu_indices(3, 1)] = rng.uniform(-0.1, 0.1, 3)  # the thesis has up to 0.093

@@ -20,7 +20,7 @@ RPM = 30 / np.pi
 
 @dataclass(frozen=True, kw_only=True)
 class Plant:
-    """A rotor dw/dt = k1 (c - w) + k2 (c^2 - w^2) whose c goes with a power of the voltage, `delay_s` after a command.
+    """A rotor dw/dt = k1 (c - w) + k2 (c^2 - w^2) whose c goes with the voltage, `delay_s` after a command.
 
     From standstill, it is slower by the factor `start`. The battery's voltage falls by `sag_v` at 2000 rad/s of all
     rotors, and by `empties_v` until the end.
@@ -30,7 +30,6 @@ class Plant:
     falling: tuple[float, float] = (3.0, 2.5e-3)
     delay_s: float = 0.012
     start: float = 1.0
-    power: float = 1.0
     sag_v: float = 0.0
     empties_v: float = 0.0
     steady: Callable[[Array], Array] = lambda u: 300 + 2600 * u - 500 * u**2
@@ -52,7 +51,7 @@ class Plant:
             speed[row] = now
             sag_v = self.sag_v * sum((w / 2000) ** 2 for w in now) / len(now)
             volts[row] = 4.0 - self.empties_v * row / len(time_s) - sag_v
-            goals = [level * (volts[row] / 4.0) ** self.power for level in levels[at]]
+            goals = [level * volts[row] / 4.0 for level in levels[at]]
             starts = [to == 0 or (start and w < 0.97 * to) for to, start, w in zip(goals, starts, now, strict=True)]
             now = [self._after_step(w, to, start) for w, to, start in zip(now, goals, starts, strict=True)]
         return time_s, speed, volts

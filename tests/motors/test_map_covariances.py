@@ -150,7 +150,7 @@ def brushless(rng: np.random.Generator) -> Points:
 def test_speed_over_command_and_thrust_over_speed_covary_by_the_speeds_error(points: Staircase) -> None:
     rng = np.random.default_rng(2)
     level, square, correlation = [], [], []
-    for _ in range(150):
+    for _ in range(60):
         one = points(rng)
         speed, over_speed = fit_map("speed", one, robust=False), fit_thrust_of_speed(one, robust=False)
         (block,) = covariances(speed, over_speed=over_speed)

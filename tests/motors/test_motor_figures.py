@@ -34,12 +34,9 @@ RATE_HZ = 500.0
 COMMANDS = (10000, 20000, 30000, 40000)
 
 
-def reduced(*, ramp_n_per_s: float = 0.0) -> tuple[Array, Array, Staircase]:
-    """Return times, Fz and steps of four commands; a ramp keeps the third from settling."""
+def reduced() -> tuple[Array, Array, Staircase]:
+    """Return times, Fz and steps of four commands."""
     record = climbed(COMMANDS, hold_s=3.0, rest_s=2.0, rate_hz=RATE_HZ, spikes_per_s=0.0)
-    begin_s = record.command_time_s[record.commands[:, 0] == COMMANDS[2]][0]
-    since_s = record.time_s - begin_s
-    record.wrench[:, 2] += np.where((since_s > 0) & (since_s < 3.0), ramp_n_per_s * since_s, 0.0)
     steps = reduce_staircase(
         time_s=record.time_s,
         channels=record.wrench,
@@ -79,19 +76,6 @@ def test_windows_and_means_of_settled_steps_are_the_points(look: Look) -> None:
         [p.mean[2] + p.tare[2] for p in found.points]
     )
     assert page.red() == ""
-    assert page.overlapping() == []
-
-
-def test_a_step_that_never_settled_is_marked_and_says_why(look: Look) -> None:
-    time, fz, found = reduced(ramp_n_per_s=0.05)
-    assert [step.settled for step in found.points] == [True, True, False, True]
-    page = look(staircase_figure(Reduced("a", time, fz, found)))
-    step = found.points[2]
-    assert _windows(page.panel("(a)"), "not used") == pytest.approx(np.array([(step.begin_s, step.end_s)]))
-    assert len(_windows(page.panel("(a)"), "window")) == 3
-    assert "30000" in page.red()
-    assert "".join(step.reason.split())[:40] in "".join(page.red().split())
-    assert _line(page.panel("(b)"), "not used")[0] == pytest.approx([30000])
     assert page.overlapping() == []
 
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from cfid.estimate.voltage_cubic import cubic_fault
-from cfid.motors import maps
 from cfid.records.rig_file import LoadCellMount, RigFacts, Tachometer
 from cfid.sim.propulsion import BatteryTruth, RotorTruth
 from tests.lab import DATA, Cfid, codes, made_run, new_campaign, sections_at, sentences
@@ -168,15 +167,6 @@ def test_a_tachometers_markers_are_those_of_the_run_then_of_rig_toml_and_a_quest
     assert cfid("fit", "speed", "--table", table, "--no-figures").returncode == 2
 
 
-def test_figures_are_drawn_beside_the_parameters(cfid: Cfid, campaign: Path) -> None:
-    run = write_run(campaign, climbed(STEPS[:8]), steps=STEPS[:8])
-    said = cfid("fit", "thrust", str(run.folder), "--campaign", str(campaign))
-    assert said.returncode == 0, said.stderr
-    names = {path.name for path in (campaign / "figures").iterdir()}
-    assert {"fit_thrust.png", "thrust_of_voltage.svg"} <= names
-    assert f"fit_thrust_{run.folder.name}.svg" in names
-
-
 def test_rotor_speeds_are_heard_in_the_vibration(cfid: Cfid, campaign: Path) -> None:
     steps = (10000, 30000, 60000)
     run = write_run(campaign, climbed(steps, motors=(1,), rate_hz=3500.0, hold_s=4.0), steps=steps)
@@ -262,29 +252,6 @@ def test_thrust_that_points_down_is_told_and_turned_round_when_asked(cfid: Cfid,
     words = ("fit", "thrust", str(noted.folder), "--campaign", str(campaign), "--no-figures")
     assert cfid(*words).returncode == 0
     assert cfid(*words, "--no-flip-fz").returncode == 5
-
-
-def test_thrust_has_a_drawing_of_the_load_cell_with_the_yaw_on_which_all_runs_agree(campaign: Path) -> None:
-    ahead, turned = (
-        write_run(campaign, climbed(STEPS[:6]), steps=STEPS[:6], facts=RigFacts(loadcell=LoadCellMount(yaw_deg=yaw)))
-        for yaw in (0.0, 90.0)
-    )
-    above, _ = maps.fit_thrust([ahead]).figures()["thrust_rig"].axes
-    (name,) = (one for one in above.texts if one.get_text() == "x of the cell")
-    x, y = name.get_position()
-
-    assert x == pytest.approx(0)
-    assert y > 40
-    assert "thrust_rig" not in maps.fit_thrust([ahead, turned]).figures()
-
-
-def test_a_saturated_load_cell_is_told(cfid: Cfid, campaign: Path) -> None:
-    record = climbed(STEPS[:5])
-    record.status[3000:6000] = 0x80020000
-    run = write_run(campaign, record, steps=STEPS[:5])
-    said = cfid("fit", "thrust", str(run.folder), "--campaign", str(campaign), "--no-figures")
-    assert said.returncode == 4
-    assert "saturated" in said.stderr
 
 
 @pytest.mark.parametrize(

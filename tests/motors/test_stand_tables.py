@@ -169,14 +169,6 @@ def test_thrust_and_speed_without_a_command_give_k(tmp_path: Path) -> None:
     assert "motor.speed_poly" not in found.quantities
 
 
-def test_a_sensor_that_shows_0_beside_turning_rotors_is_missing(tmp_path: Path) -> None:
-    shown = [RPM * noisy(SPEED, i) for i in range(4)]
-    shown[2] = np.zeros(len(SPEED))
-    found = fit_speed(table(tmp_path / "a.csv", "cmd,rpm1,rpm2,rpm3,rpm4", COMMAND, *shown))
-    assert speed_at_40000(found) == pytest.approx(1, abs=0.005)
-    assert any("'rpm3' shows 0 in 12 rows" in one.text for one in found.findings)
-
-
 def test_a_record_of_speeds_needs_neither_thrust_nor_pause(tmp_path: Path) -> None:
     after_s = np.arange(300) / 100
     steps = [speed * (1 - np.exp(-after_s / 0.06)) for speed in SPEED[::3]]
@@ -372,17 +364,6 @@ def test_a_step_at_which_the_stand_was_touched_is_left_out_and_named(tmp_path: P
     assert any(one.code == "step-left-out" and "command 22937" in one.text for one in result.findings)
 
 
-def test_a_stretch_in_which_the_load_cell_was_dead_costs_only_its_steps(tmp_path: Path) -> None:
-    one = sweep()
-    dead = (one.time_s > 8.0) & (one.time_s < 12.2)
-    result = fit_thrust(
-        write(tmp_path, one._replace(thrust_n=np.where(dead, math.nan, one.thrust_n))), gravity_mps2=9.81
-    )
-
-    assert off(result, widest=0.02) < 3  # from the four remaining points
-    assert any("'Thrust (N)' is no number in 167 of 1120 rows" in finding.text for finding in result.findings)
-
-
 @pytest.mark.parametrize("rate_hz", [10, 100])
 def test_a_table_of_exact_plateaus_gives_its_own_curve(tmp_path: Path, rate_hz: int) -> None:
     time_s = np.arange(76 * rate_hz) / rate_hz
@@ -393,17 +374,6 @@ def test_a_table_of_exact_plateaus_gives_its_own_curve(tmp_path: Path, rate_hz: 
     largest = fit_thrust(path, gravity_mps2=9.81).quantities["motor.max_thrust_n"]
     assert largest.value == pytest.approx(5.0, rel=2e-4)  # pulses are rounded to a command
     assert 0 < float(np.max(largest.std)) < 0.01
-
-
-def test_a_larger_motor_than_a_vehicle_has_is_implausible_in_the_vehicle_s_campaign_alone(
-    cfid: Cfid, tmp_path: Path
-) -> None:
-    one = sweep()
-    path = write(tmp_path, one._replace(thrust_n=40 * one.thrust_n))
-
-    assert cfid("fit", "thrust", path, "--no-figures").returncode == 0
-    campaign = new_campaign(tmp_path / "lab").folder
-    assert cfid("fit", "thrust", path, "--campaign", campaign, "--no-figures").returncode == 5
 
 
 def test_an_imported_stand_gives_what_its_file_gives_to_the_last_bit(cfid: Cfid, tmp_path: Path) -> None:

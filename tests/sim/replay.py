@@ -9,7 +9,6 @@ import json
 import math
 import struct
 from bisect import bisect_right
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -17,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cfid.sim.app_core import App
+from cfid.sim.app_core import load_core
 from cfid.sim.crazyflie import Crazyflie, CrazyflieTruth, Leaving, variables
 from cfid.sim.crazyflie_services import parameters
 from cfid.sim.propulsion import BRUSHLESS, STILL, BatteryTruth, Propulsion, RotorTruth
@@ -177,13 +176,13 @@ def _series(first: Line, last: Line) -> list[tuple[float, Packet | Line]]:
     ]
 
 
-def replay(trace: Trace, load_app: Callable[[], App]) -> Behaviour:
+def replay(trace: Trace) -> Behaviour:
     """Repeat the actions of a trace on a simulated vehicle, and return the vehicle's behaviour."""
-    return _Replay(trace, load_app).behaviour
+    return _Replay(trace).behaviour
 
 
 class _Replay:
-    def __init__(self, trace: Trace, load_app: Callable[[], App]) -> None:
+    def __init__(self, trace: Trace) -> None:
         self.behaviour = Behaviour(motors=[(0.0, STILL)])
         self._start = trace.starts[0]
         given, (platform, firmware) = trace.start_conditions(), trace.vehicle.split("_")
@@ -199,7 +198,7 @@ class _Replay:
         self._vehicle = Crazyflie(
             CrazyflieTruth.model_validate({**truth, "stall_rpm": given.get("RPM_STALL", 60)}),
             propulsion,
-            load_app=load_app,
+            load_app=load_core,
             opened_s=on_s,
             on_motors=self._see_motors,
             rtos_ms=lambda step: int(self._start.tick(self._start.loop_ms + step)),

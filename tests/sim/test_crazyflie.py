@@ -106,7 +106,7 @@ def test_catching_up_is_the_same_as_going_along() -> None:
     assert heard([1.5]) == heard([k / 1700 for k in range(1, 2551)])
 
 
-@settings(max_examples=50)
+@settings(max_examples=15)
 @given(
     steps_s=st.lists(st.floats(0, 0.05), min_size=1, max_size=30),
     faults=st.builds(

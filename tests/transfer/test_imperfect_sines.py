@@ -41,7 +41,7 @@ def responses(late_s: np.ndarray, rng: np.random.Generator, *, relative: float =
 
 def test_delays_that_differ_from_run_to_run_are_found_and_leave_the_intervals_true() -> None:
     rng, held, sizes = np.random.default_rng(1), [], []
-    for _ in range(100):
+    for _ in range(40):
         series = MeasuredSeries(name="a", responses=responses(rng.normal(0, 5e-3, 12), rng))
         fit = fit_transfer([series])
         held += [

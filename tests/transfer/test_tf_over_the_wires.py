@@ -21,7 +21,6 @@ STILL: dict[str, Any] = {
     "rotors": {"unbalance": (0.0,) * 6, "blade_pass": (0.0,) * 6},
     "loadcell": {"noise_std": (0.0,) * 6, "drift_per_s": (0.0,) * 6},
 }
-LATE = {"latency_s": 0.028, "jitter_s": 0.016}  # table 3.2: half of a round trip, and its standard deviation
 
 
 def logged(bench: Bench, *words: object) -> None:
@@ -59,14 +58,3 @@ def test_sines_of_all_motors_are_usable_and_identified_by_the_force(tmp_path: Pa
 
         assert [verdict is not None and verdict.usable for verdict in verdicts] == [True, True]
         assert parameters["tf.static_gain_n"]["value"] == pytest.approx(SLOPE_N, rel=0.02)
-
-
-@pytest.mark.slow
-def test_ten_sines_beside_shaking_rotors_give_one_percent(tmp_path: Path) -> None:
-    with bench_in(tmp_path, radio=LATE) as bench:
-        logged(bench, "--l", "1,2,4,8,12,20,32,50,80,100", "--rate-hz", 7000)
-        parameters = identified(bench)
-
-    assert parameters["tf.time_constant_s"]["value"] == pytest.approx(TRUTH.time_constant_s, rel=0.01)
-    assert parameters["tf.static_gain_n"]["value"] == pytest.approx(SLOPE_N, rel=0.005)
-    assert -0.06 < parameters["tf.delay_s"]["value"] < -LATE["latency_s"]  # reports queue behind rows of the log
