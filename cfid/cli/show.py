@@ -15,13 +15,11 @@ from cfid.records.result import Result
 from cfid.records.run import run_holding
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
     from pathlib import Path
 
     from matplotlib.figure import Figure
 
     from cfid.console.views import View
-    from cfid.records.parameters import Parameter
 
 
 def show_run(
@@ -48,29 +46,29 @@ def show_run(
     if terminal:
         for view in views:
             _plot_in_terminal(view)
-    deliver(_outcome(views, faults, draws=not terminal), Delivery(force, figures, out), workplace, keep=False)
-
-
-def _outcome(views: "Sequence[View]", faults: tuple[str, ...], *, draws: bool) -> Result:
 
     def drawings() -> "dict[str, Figure]":
-        return {view.figure_name: view.draw() for view in views if view.drawn}
+        return {view.figure: view.draw() for view in views if view.figure}
 
     texts = [*_verdict(views[0].path), *(note for view in views for note in view.notes)]
-    notes = [
-        one for one in texts if not any(other.endswith(f": {one}") for other in texts)
-    ]  # the run and a device may share a note
-    return Result(
+    # The run and a device may share a note.
+    notes = [text for text in texts if not any(other.endswith(f": {text}") for other in texts)]
+    result = Result(
         command="show",
         prints_lines=True,
         method="",
-        quantities=_parameters(views),
+        quantities={
+            ".".join(["recording", *([view.device] if len(views) > 1 else []), name]): parameter
+            for view in views
+            for name, parameter in view.parameters.items()
+        },
         findings=tuple(warning("recording", text) for text in dict.fromkeys((*notes, *faults))),
         sources=tuple(view.source for view in views),
         lines=tuple(line for view in views for line in view.lines),
-        drawings=drawings if draws else None,
+        drawings=None if terminal else drawings,
         folder=views[0].path.parent,
     )
+    deliver(result, Delivery(force, figures, out), workplace, keep=False)
 
 
 def _verdict(path: "Path") -> list[str]:
@@ -78,15 +76,6 @@ def _verdict(path: "Path") -> list[str]:
     run = run_holding(path)
     verdict = None if run is None else run.header.verdict
     return [] if verdict is None or verdict.usable else [f"not usable: {verdict.text}"]
-
-
-def _parameters(views: "Sequence[View]") -> "dict[str, Parameter]":
-    """Return the parameters as `recording.*`, or as `recording.<device>.*` if the recording has several devices."""
-    return {
-        ".".join(["recording", *([view.device] if len(views) > 1 else []), name]): parameter
-        for view in views
-        for name, parameter in view.parameters.items()
-    }
 
 
 def _plot_in_terminal(view: "View") -> None:

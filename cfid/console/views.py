@@ -1,7 +1,6 @@
 """The view of each series in a recording, for `cfid show`: numbers, a curve for the terminal, and a figure."""
 
-import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -48,25 +47,19 @@ class Curve(NamedTuple):
 class View:
     """One device's recording, ready to show; `lines` state how a file of another program was read.
 
-    `drawn` is false for a view without a figure, of a log with too many series.
+    `figure` is the name of the figure's file, "" for a view of a log with too many series, which is not drawn.
     """
 
     device: str
     name: str
     path: Path
     source: Source
-    parameters: Mapping[str, Parameter]
+    parameters: dict[str, Parameter]
     curve: Curve
     draw: "Callable[[], Figure]"
     notes: tuple[str, ...] = ()
     lines: tuple[str, ...] = ()
-    figure: str = ""
-    drawn: bool = True
-
-    @property
-    def figure_name(self) -> str:
-        """The name of the figure's file."""
-        return f"{self.figure or self.path.stem}_recording"
+    figure: str
 
 
 def views_of(word: str, workplace: Workplace) -> tuple[list[View], tuple[str, ...]]:
@@ -77,18 +70,16 @@ def views_of(word: str, workplace: Workplace) -> tuple[list[View], tuple[str, ..
     """
     recording = read_recording(find_recording(word, workplace))
     of_rig = counts_of_rig(recording, workplace)
+    readers: dict[str, Callable[[], View]] = {
+        ENCODER: lambda: _angle_view(angle_of(recording, rig_counts_per_turn=of_rig)),
+        LOADCELL: lambda: _wrench_view(wrench_of(recording)),
+    }
     if recording.run is None:
         series = list(recording.series.values())
         kind = kind_of(series[0].columns) if len(series) == 1 else "flight"
-        if kind == "angle":
-            return [_angle_view(ENCODER, angle_of(recording, rig_counts_per_turn=of_rig))], ()
-        if kind == "wrench":
-            return [_wrench_view(LOADCELL, wrench_of(recording))], ()
+        if kind in ("angle", "wrench"):
+            return [readers[ENCODER if kind == "angle" else LOADCELL]()], ()
         return ([_stand_view(recording)] if kind == "stand" else _log_views(recording)), ()
-    readers: dict[str, Callable[[], View]] = {
-        ENCODER: lambda: _angle_view(ENCODER, angle_of(recording, rig_counts_per_turn=of_rig)),
-        LOADCELL: lambda: _wrench_view(LOADCELL, wrench_of(recording)),
-    }
     order = sorted(recording.run.header.devices, key=lambda device: [*readers, device].index(device))
     views: list[View] = []
     faults: list[DataError] = []
@@ -103,44 +94,39 @@ def views_of(word: str, workplace: Workplace) -> tuple[list[View], tuple[str, ..
     return views, tuple(str(fault) for fault in faults)
 
 
-def _angle_view(device: str, record: "AngleRecord") -> View:
+def _angle_view(record: "AngleRecord") -> View:
     import numpy as np
 
-    def draw() -> "Figure":
-        return recording_figure(record, title=record.name)
-
     return View(
-        device=device,
+        device=ENCODER,
         name=record.name,
         path=record.path,
         source=record.source,
         notes=texts(record.findings, "warning", "rejection"),
         lines=texts(record.findings, "note"),
-        parameters=_sampling(record.time_s)
+        parameters=_sampling(record.time_s, len(record.time_s))
         | {"range_rad": Parameter(value=float(np.ptp(record.angle_rad)), unit="rad")},
-        curve=_curve(record.time_s, record.angle_rad, "angle, degrees", factor=math.degrees(1.0)),
-        draw=draw,
+        curve=_curve(record.time_s, np.degrees(record.angle_rad), "angle, degrees"),
+        draw=lambda: recording_figure(record, title=record.name),
+        figure=f"{record.path.stem}_recording",
     )
 
 
-def _wrench_view(device: str, record: "WrenchRecord") -> View:
-
-    def draw() -> "Figure":
-        return wrench_figure(record, title=record.name)
-
+def _wrench_view(record: "WrenchRecord") -> View:
     # Draw means, since single samples of a vibration would alias into a false curve.
     length = -(-len(record.time_s) // _CURVE_POINTS)
     means = block_means(record.time_s, length=length), block_means(record.values_of(record.main_axis), length=length)
     return View(
-        device=device,
+        device=LOADCELL,
         name=record.name,
         path=record.path,
         source=record.source,
         notes=texts(record.findings, "warning", "rejection"),
         lines=texts(record.findings, "note"),
-        parameters=_sampling(record.time_s) | _means(record),
+        parameters=_sampling(record.time_s, len(record.time_s)) | _means(record),
         curve=Curve(*means, f"{record.main_axis}, {'N' if record.main_axis.startswith('F') else 'N m'}"),
-        draw=draw,
+        draw=lambda: wrench_figure(record, title=record.name),
+        figure=f"{record.path.stem}_recording",
     )
 
 
@@ -177,31 +163,27 @@ def _device_view(recording: "Recording", device: str) -> View:
         if device != SUPERVISOR  # a word of bits has no mean
     }
     view = _series_view(series, title=f"{recording.name}, {device}", notes=notes)
-    return replace(view, name=recording.name, parameters=_sampling_of(series) | means)
+    return replace(view, name=recording.name, parameters=view.parameters | means)
 
 
 def _log_views(recording: "Recording") -> list[View]:
-    """Return a view of every series of a log."""
+    """Return a view of every series of a log; figures only of those of known units with most rows."""
     several = list(recording.series.values())
     most = sorted(several, key=lambda one: (not any(column.unit for column in one.columns), -one.rows))[:_MOST_FIGURES]
     views = []
     for series in several:
-        title = f"{recording.path.name}, {series.name}"
-        stem = recording.path.stem
-        view = replace(
-            _series_view(series, title=title, notes=()),
-            path=recording.path,
-            figure=stem if len(several) == 1 else f"{stem}_{series.name}",
-            source=recording.source,
-            parameters=_sampling_of(series) | {f"range.{one.name}": _range_of(one) for one in series.columns},
-            drawn=series in most,
-        )
-        views.append(view)
+        view = _series_view(series, title=f"{recording.path.name}, {series.name}")
+        stem = recording.path.stem if len(several) == 1 else f"{recording.path.stem}_{series.name}"
+        ranges = {f"range.{column.name}": _range_of(column) for column in series.columns}
+        figure = f"{stem}_recording" if series in most else ""
+        views.append(replace(
+            view, path=recording.path, source=recording.source, figure=figure, parameters=view.parameters | ranges
+        ))  # fmt: skip
     notes = texts(recording.findings, "warning", "rejection")
     if len(most) < len(views):
         names = ", ".join(series.name for series in most)
         notes += (
-            f"figures of {len(most)} of {len(views)} series, those of known units with most rows: {names}. --json has "
+            f"figures of {len(most)} of {len(views)} series, those of known units with most rows: {names}. `json` has "
             "the ranges of all, `cfid convert` their numbers.",
         )
     lines = (description(recording), *texts(recording.findings, "note"))
@@ -220,35 +202,35 @@ def _stand_view(recording: "Recording") -> View:
         names = [f"speed_{at + 1}_rad_per_s" for at in range(count)] if count > 1 else ["speed_rad_per_s"]
         values |= dict(zip(names, table.speeds_rad_s.T, strict=True))
     columns = tuple(
-        Column(name=name, unit=unit_of(name) or "1", values=one)
-        for name, one in values.items()
-        if one is not None and not np.isnan(one).all()
+        Column(name=name, unit=unit_of(name) or "1", values=column)
+        for name, column in values.items()
+        if column is not None and not np.isnan(column).all()
     )
     series = replace(
         next(iter(recording.series.values())), columns=columns, rows=len(table.command), time_s=table.time_s
     )
-    view = _series_view(series, title=recording.path.name, notes=())
+    view = _series_view(series, title=recording.path.name)
     return replace(
         view,
         device="stand",
-        name=recording.path.name,
         path=recording.path,
         source=table.source,
         lines=texts(table.findings, "note"),
         notes=texts(table.findings, "warning", "rejection"),
-        parameters=_sampling_of(series) | {f"range.{one.name}": _range_of(one) for one in columns},
+        parameters=view.parameters | {f"range.{column.name}": _range_of(column) for column in columns},
+        figure=f"{recording.path.stem}_recording",
     )
 
 
-def _series_view(series: "Series", *, title: str, notes: tuple[str, ...]) -> View:
+def _series_view(series: "Series", *, title: str, notes: tuple[str, ...] = ()) -> View:
     """Return a view of any series: its columns over time, or for settled points over the rows."""
     import numpy as np
 
     step = -(-series.rows // _DRAWN_ROWS)
     along = np.arange(float(series.rows)) if series.time_s is None else series.time_s
     # Events without variables are only times: a running count shows them.
-    columns = {one.name: one.values for one in series.columns} or {"events": np.arange(1.0, series.rows + 1)}
-    first = next((one.name for one in series.columns if one.unit), next(iter(columns)))
+    columns = {column.name: column.values for column in series.columns} or {"events": np.arange(1.0, series.rows + 1)}
+    first = next((column.name for column in series.columns if column.unit), next(iter(columns)))
 
     def draw() -> "Figure":
         drawn = {name: values[::step] for name, values in columns.items()}
@@ -261,9 +243,10 @@ def _series_view(series: "Series", *, title: str, notes: tuple[str, ...]) -> Vie
         path=series.path,
         source=series.source or Source(str(series.path), ""),
         notes=notes,
-        parameters={},
+        parameters=_sampling(series.time_s, series.rows),
         curve=_curve(along, columns[first], first),
         draw=draw,
+        figure=f"{series.path.stem}_recording",
     )
 
 
@@ -274,12 +257,12 @@ def _states(since_s: "Array", words: "Array") -> str:
     return "vehicle: " + ", ".join(f"{name} at {time_s:.1f} s" for time_s, name in changes)
 
 
-def _curve(time_s: "Array", value: "Array", name: str, *, factor: float = 1.0) -> Curve:
-    """Return some of the values (n,) at times (n,), multiplied by a factor."""
+def _curve(time_s: "Array", value: "Array", name: str) -> Curve:
+    """Return some of the values (n,) at times (n,)."""
     import numpy as np
 
     chosen = np.linspace(0, len(time_s) - 1, min(_CURVE_POINTS, len(time_s))).astype(int)
-    return Curve(time_s[chosen], factor * value[chosen], name)
+    return Curve(time_s[chosen], value[chosen], name)
 
 
 def _range_of(column: "Column") -> Parameter:
@@ -292,20 +275,14 @@ def _range_of(column: "Column") -> Parameter:
     return Parameter(value=both, unit=unit)
 
 
-def _sampling_of(series: "Series") -> dict[str, Parameter]:
-    if series.time_s is None:
-        return {"samples": Parameter(value=series.rows, unit="1")}
-    return _sampling(series.time_s)
-
-
-def _sampling(time_s: "Array") -> dict[str, Parameter]:
-    """Return the number of samples at times (n,) since the first, their duration and their intervals."""
+def _sampling(time_s: "Array | None", rows: int) -> dict[str, Parameter]:
+    """Return the number of rows and, for times (rows,) since the first, their duration and their intervals."""
     import numpy as np
 
-    if len(time_s) < 2:
-        return {"samples": Parameter(value=len(time_s), unit="1")}
-    return {
-        "samples": Parameter(value=len(time_s), unit="1"),
+    samples = {"samples": Parameter(value=rows, unit="1")}
+    if time_s is None or rows < 2:
+        return samples
+    return samples | {
         "duration_s": Parameter(value=float(time_s[-1]), unit="s"),
         "median_interval_s": Parameter(value=float(np.median(some_steps(time_s))), unit="s"),
         "longest_interval_s": Parameter(value=max(float(step.max()) for _, step in differences(time_s)), unit="s"),
