@@ -1,6 +1,5 @@
 """`cfid fits`: list a campaign's kept fits, withdraw them, and repeat them."""
 
-import json as encoder
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,7 +9,7 @@ from rich.box import SIMPLE
 from rich.table import Column, Table
 
 from cfid.console.campaign import here, write_parameters
-from cfid.console.messages import echo, note, printable
+from cfid.console.messages import echo, note, print_json, printable
 from cfid.console.program import program
 from cfid.console.tables import print_table
 from cfid.errors import ConfigError, DataError, FitError
@@ -56,7 +55,7 @@ def show_fits(context: typer.Context) -> None:
             }
             for fit, count, state in rows
         ]  # fmt: skip
-        echo(encoder.dumps({"command": "fits", "fits": content}, indent=2, default=str))
+        print_json({"command": "fits", "fits": content})
         return
 
     table = Table(Column("fit", overflow="fold"), "when", "recordings", "taken", "state", box=SIMPLE, pad_edge=False)
@@ -114,8 +113,8 @@ def repeat(
             for name, move in moves.items()
             if move >= _DIFFERENT
         ]
-        content = {"command": "fits repeat", "fit": fit.stem, "same": same, "moved": moved, "gone": gone, "new": new}
-        echo(encoder.dumps(content, indent=2))
+        head = {"command": "fits repeat", "fit": fit.stem, "same": same}
+        print_json({**head, "moved": moved, "gone": gone, "new": new})
     elif same:
         rounding = "" if now == before else " but for rounding"
         echo(f"{fit.stem}: {f'the same {len(before)} numbers{rounding}' if before else 'rejected, as before'}.")

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cfid.console.live import LiveLine
-from cfid.console.log_summary import stop_line
 from cfid.console.messages import note, result
 from cfid.console.options import positive
 from cfid.console.recording import rig_of
+from cfid.console.run_summary import stop_line
 from cfid.console.vehicle import Motor, Uri, confirm, motors_of, reach
 from cfid.units import FULL_COMMAND, MOTORS
 

@@ -1,7 +1,5 @@
 """`cfid parameters` and `cfid set`: list a campaign's parameters, and store parameters measured by hand."""
 
-import json
-import json as encoder
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -13,7 +11,7 @@ from rich.box import SIMPLE
 from rich.table import Column, Table
 
 from cfid.console.campaign import here, write_parameters
-from cfid.console.messages import echo, note
+from cfid.console.messages import echo, note, print_json
 from cfid.console.program import program
 from cfid.console.tables import print_parameters, print_table
 from cfid.errors import ConfigError
@@ -21,7 +19,7 @@ from cfid.estimate.voltage_cubic import cubic_fault
 from cfid.quantities.plausible import implausible
 from cfid.quantities.registry import UNITS, Shape, find, unit_of
 from cfid.quantities.rounding import value_and_std
-from cfid.records.parameters import Parameter, plain
+from cfid.records.parameters import Parameter
 from cfid.records.rig_file import change_rig
 from cfid.records.values import part_of
 
@@ -104,7 +102,7 @@ def _print_candidates(values: "Values", key: str) -> None:
             }
             for each, parameter in zip(candidates, parameters, strict=True)
         ]  # fmt: skip
-        echo(encoder.dumps({"command": "parameters", "key": key, "candidates": rows}, indent=2, allow_nan=False))
+        print_json({"command": "parameters", "key": key, "candidates": rows})
         return
 
     table = Table(
@@ -227,7 +225,7 @@ def _print_json(sections: "dict[str, Section]", outdated: "Mapping[str, Sequence
             for name, section in sections.items()
         },
     }
-    echo(json.dumps(plain(content), indent=2, allow_nan=False))
+    print_json(content)
 
 
 def _print_tables(sections: "dict[str, Section]", outdated: "Mapping[str, Sequence[str]]") -> None:

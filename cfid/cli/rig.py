@@ -1,6 +1,5 @@
 """`cfid rig check` and `cfid rig sim`: check the devices, or simulate them."""
 
-import json as encoder
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -9,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from cfid.console.messages import echo, fitted, in_options, note
+from cfid.console.messages import echo, fitted, in_options, note, print_json
 from cfid.console.options import positive
 from cfid.console.program import program
 from cfid.console.recording import rig_of
@@ -91,7 +90,7 @@ def report_answers(command: str, answers: "Mapping[str, Sequence[DeviceAnswer]]"
     """Print the answers of the devices. Raises DeviceError, which names the devices with a fault."""
     if program().json:
         content = {name: [answer._asdict() for answer in own] for name, own in answers.items()}
-        echo(encoder.dumps({"command": command, "simulated": simulated, "devices": content}, indent=2))
+        print_json({"command": command, "simulated": simulated, "devices": content})
     else:
         for name, answer in ((name, answer) for name, own in answers.items() for answer in own):
             limit = f" (limit {answer.limit})" if answer.limit else ""

@@ -1,6 +1,5 @@
 """`cfid runs`: list a campaign's runs, exclude them from fits, and write notes."""
 
-import json as encoder
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from textwrap import shorten
@@ -12,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from cfid.console.campaign import here
-from cfid.console.messages import echo, printable
+from cfid.console.messages import echo, print_json, printable
 from cfid.console.messages import note as print_note
 from cfid.console.program import program
 from cfid.console.selection import name_other_folders, note_left_out, readable_runs
@@ -122,7 +121,7 @@ def _print_runs(runs: "list[Run | DataError]") -> None:
     words = lasts([run for _, run in rows])
     broken = [str(run) for run in runs if isinstance(run, DataError)]
     if program().json:
-        echo(encoder.dumps({"command": "runs", "runs": [row for row, _ in rows], "warnings": broken}, indent=2))
+        print_json({"command": "runs", "runs": [row for row, _ in rows], "warnings": broken})
         return
     if not rows and not broken:
         echo("no runs yet")

@@ -2,12 +2,14 @@
 
 import contextlib
 import errno
+import json
 import os
 import re
 import stat
 import sys
 import textwrap
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import typer
 
@@ -59,6 +61,13 @@ def echo(text: object = "", *, nl: bool = True, err: bool = False) -> None:
         if not (err or closed):
             raise
         drop_unwritable()
+
+
+def print_json(content: Mapping[str, Any]) -> None:
+    """Print the one object of --json; arrays become lists."""
+    from cfid.records.parameters import plain
+
+    echo(json.dumps(plain(content), indent=2, allow_nan=False))
 
 
 def headline(text: str) -> None:

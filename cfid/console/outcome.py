@@ -1,22 +1,20 @@
 """Deliver a result: keep it in the campaign, draw it, print it, set the exit code."""
 
-import json
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cfid.console.campaign import write_parameters
-from cfid.console.messages import echo, fitted, in_options, note, printable
+from cfid.console.messages import echo, fitted, in_options, note, print_json, printable
 from cfid.console.program import given_options, program
 from cfid.console.tables import print_parameters
 from cfid.counted import counted
 from cfid.errors import ConfigError, RejectedError
 from cfid.findings import CODES, Finding, texts
 from cfid.quantities.registry import is_of_the_run
-from cfid.records.parameters import plain
 from cfid.records.result import Result
 from cfid.version import __version__
 
@@ -82,7 +80,7 @@ def deliver(result: Result, delivery: Delivery, workplace: "Workplace", *, keep:
             stem = path.stem
             in_force, remark = _standing(campaign, stem)
     if program().json:
-        echo(_as_json(given, accepted=result.accepted, in_force=in_force))
+        print_json(_content(given, accepted=result.accepted, in_force=in_force))
     else:
         rejections = texts(result.findings, "rejection") if kept else ()  # otherwise the error states them
         _print(given, drawn, _notes(result.findings, rejections, verbose=program().verbose))
@@ -144,8 +142,8 @@ def _with_names(result: Result, runs_folder: Path) -> Result:
     return replace(result, findings=tuple(named))
 
 
-def _as_json(result: Result, *, accepted: bool, in_force: bool) -> str:
-    content = {
+def _content(result: Result, *, accepted: bool, in_force: bool) -> dict[str, Any]:
+    return {
         "command": result.command,
         "parameters": {name: p.as_json() for name, p in result.quantities.items()},
         "accepted": accepted,
@@ -155,7 +153,6 @@ def _as_json(result: Result, *, accepted: bool, in_force: bool) -> str:
         "sources": [asdict(source) for source in result.sources],
         "version": __version__,
     }
-    return json.dumps(plain(content), indent=2, allow_nan=False)
 
 
 def _draw(result: Result, delivery: Delivery) -> Sequence[Path]:

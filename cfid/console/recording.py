@@ -9,10 +9,9 @@ import typer
 
 from cfid.console.campaign import here
 from cfid.console.live import LiveLine
-from cfid.console.log_summary import print_json, print_summary, stop_line, summary
-from cfid.console.messages import clock, echo, note
+from cfid.console.messages import clock, echo, note, print_json
 from cfid.console.program import program
-from cfid.console.verdicts import Judge, judged
+from cfid.console.run_summary import Judge, judged, print_summary, stop_line, summary
 from cfid.errors import CfidError, ConfigError, DataError
 from cfid.records.choose import LAST
 from cfid.records.files import RUN_FILE
@@ -95,11 +94,6 @@ def effort_of(seconds: float, runs_folder: Path, *, rate_hz: float) -> str:
 
     `rate_hz` is the number of rows per second of all devices. Raises ConfigError where the disk has too little space.
     """
-    return f", for {clock(seconds)} min ({space_of(seconds, runs_folder, rate_hz=rate_hz)})"
-
-
-def space_of(seconds: float, runs_folder: Path, *, rate_hz: float) -> str:
-    """Return how much disk space a recording takes, and how much is free. Raises as `effort_of` does."""
     needed = seconds * rate_hz * _BYTES_A_ROW
     place = next(folder for folder in (runs_folder, *runs_folder.resolve().parents) if folder.is_dir())
     free = shutil.disk_usage(place).free
@@ -108,18 +102,13 @@ def space_of(seconds: float, runs_folder: Path, *, rate_hz: float) -> str:
             f"{runs_folder}: the recording takes about {needed / 1e6:.0f} MB, and the disk has {free / 1e6:.0f} MB: "
             "make room, or record less."
         )
-    return f"about {max(needed / 1e6, 1):.0f} MB; {free / 1e9:.1f} GB are free"
+    return f", for {clock(seconds)} min (about {max(needed / 1e6, 1):.0f} MB; {free / 1e9:.1f} GB are free)"
 
 
 def rehearse(what: str, runs_folder: Path, for_s: float | None) -> None:
     """Print what would be recorded, where and for how long, without opening a device."""
     lasts = "until Ctrl-C" if for_s is None else f"{for_s:g} s"
     echo(f"would record {what} into {runs_folder}: {lasts}. Nothing was opened.")
-
-
-def nothing_found(_: "Run") -> tuple[Mapping[str, Any], Sequence[str]]:
-    """Return no parameters and no lines: most runs are evaluated later."""
-    return {}, ()
 
 
 def record(
@@ -130,7 +119,7 @@ def record(
     *,
     hardware: "Hardware",
     judge: Judge | None,
-    found: Found = nothing_found,
+    found: Found | None = None,
 ) -> None:
     """Record a run and print its summary, even if the run failed. Raises the error that ended the run.
 
@@ -140,11 +129,11 @@ def record(
     run, failure = attempt(plan, instruments, hardware, live)
     if run is not None:
         run = judged(run, judge)
-        parameters, lines = found(run) if failure is None else ({}, ())
+        parameters, lines = found(run) if found is not None and failure is None else ({}, ())
         if program().json:
             print_json(summary(command, run, failure, parameters))
         else:
-            print_summary(run, lines if failure is None else (), failure)
+            print_summary(run, lines, failure)
     if failure is not None:
         raise failure
 

@@ -1,6 +1,5 @@
 """`cfid export`: export a campaign's parameters to the files of firmware and simulators."""
 
-import json as encoder
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -8,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from cfid.console.campaign import here, note_earlier_parameters, note_unreadable_fits
-from cfid.console.messages import echo, headline, in_options, note
+from cfid.console.messages import echo, headline, in_options, note, print_json
 from cfid.console.program import program
 from cfid.errors import ConfigError, DataError
 from cfid.export.render import rendered
@@ -121,7 +120,7 @@ def _print_written(target: str, paths: Sequence[Path], notes: Sequence[str], **f
     """Print the paths of written files, and notes on what is in them."""
     if program().json:
         content = {"command": f"export {target}", "files": list(map(str, paths)), **facts, "notes": list(notes)}
-        echo(encoder.dumps({**content, "version": __version__}, indent=2))
+        print_json({**content, "version": __version__})
         return
     for path in paths:
         echo(path)
@@ -158,7 +157,7 @@ def _print_list(campaign: Campaign, vehicle: ExportVehicle) -> None:
         note(str(fault))
     rows = [_row(target, vehicle) for target in listed.values()]
     if program().json:
-        echo(encoder.dumps({"command": "export list", "targets": rows, "version": __version__}, indent=2))
+        print_json({"command": "export list", "targets": rows, "version": __version__})
         return
     for row in rows:
         headline(f"{row['target']}: {row['about']}")

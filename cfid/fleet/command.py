@@ -1,6 +1,5 @@
 """`cfid fleet`: compare many campaigns, of one vehicle or one day each, and refit them from their recordings."""
 
-import json as encoder
 import os
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -14,7 +13,7 @@ from rich.box import SIMPLE
 from rich.table import Table
 from rich.text import Text
 
-from cfid.console.messages import echo, note, printable
+from cfid.console.messages import echo, note, print_json, printable
 from cfid.console.program import program
 from cfid.console.tables import print_table
 from cfid.counted import counted
@@ -118,7 +117,7 @@ def fleet_fit(
     results = {made.name: outcomes[made] for _, made, _ in listed if made in outcomes}
     if program().json:
         content = {"command": "fleet fit", "campaigns": results, "not_refitted": list(map(str, faults))}
-        echo(encoder.dumps(content, indent=2))
+        print_json(content)
     elif results:
         _print_summary(results)
     failed = [
@@ -253,7 +252,7 @@ def _print_json(numbers: Sequence[ComparedNumber], summaries: Sequence[Summary])
         for number in numbers
     }
     content = {"command": "fleet", "campaigns": campaigns, "parameters": parameters}
-    echo(encoder.dumps(content, indent=2, allow_nan=False))
+    print_json(content)
 
 
 def _print_summary(results: Mapping[str, Mapping[str, Any]]) -> None:

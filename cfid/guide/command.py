@@ -1,6 +1,5 @@
 """`cfid status` and `cfid next`: the state of a campaign, and its next step."""
 
-import json
 import os
 import shlex
 import sys
@@ -11,7 +10,7 @@ from rich.box import SIMPLE
 from rich.table import Table
 
 from cfid.console.campaign import here, note_unreadable_fits
-from cfid.console.messages import echo, fitted, note, printable, typed_line
+from cfid.console.messages import echo, fitted, note, print_json, printable, typed_line
 from cfid.console.processes import cfid_command
 from cfid.console.program import program
 from cfid.console.tables import print_table
@@ -146,4 +145,4 @@ def _print_json(found: "Status") -> None:
         "beside": list(found.beside),
         "next": {"command": list(found.next.words), "why": found.next.why},
     }
-    echo(json.dumps(content, indent=2))
+    print_json(content)

@@ -5,8 +5,8 @@ from contextlib import ExitStack
 
 from cfid.console.live import LiveLine
 from cfid.console.recording import Found, Rig, record
+from cfid.console.run_summary import Judge
 from cfid.console.vehicle import reach
-from cfid.console.verdicts import Judge
 from cfid.records.rig_file import RigFacts
 from cfid.records.run import Label
 from cfid.rig.hardware import Hardware

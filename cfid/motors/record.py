@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from cfid.console.live import LiveLine
-from cfid.console.recording import Found, Rig, effort_of, nothing_found
+from cfid.console.recording import Found, Rig, effort_of
 from cfid.console.recording import record as record_instruments
+from cfid.console.run_summary import Judge
 from cfid.console.signals import NOT_READ, quick
 from cfid.console.vehicle import LOG_MS, confirm, reach, refuse
-from cfid.console.verdicts import Judge
 from cfid.counted import counted
 from cfid.errors import ConfigError
 from cfid.motors.plan import WAIT_S, Expected, StaircasePlan, expected_of
@@ -64,7 +64,7 @@ class StaircaseRecording:
     question: str | None = None
     calm: bool = True
     requested: Mapping[str, Any] = field(default_factory=dict)
-    found: Found = nothing_found
+    found: Found | None = None
 
 
 def record_forces(wanted: StaircaseRecording, *, rate_hz: int | None) -> None:

@@ -1,6 +1,5 @@
 """`cfid report`: write a campaign's results to one file."""
 
-import json
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Literal, get_args
@@ -8,7 +7,7 @@ from typing import Annotated, Literal, get_args
 import typer
 
 from cfid.console.campaign import here
-from cfid.console.messages import echo, note
+from cfid.console.messages import echo, note, print_json
 from cfid.console.program import program
 from cfid.errors import ConfigError
 from cfid.guide.command import Kind
@@ -53,7 +52,7 @@ def report(
     disagreements = [agreement["finding"] for agreement in content["agreements"] if agreement["finding"]]
     notes = [*content["unreadable"], *disagreements]
     if program().json:
-        echo(json.dumps({"command": "report", "file": str(path), "notes": notes, "version": __version__}, indent=2))
+        print_json({"command": "report", "file": str(path), "notes": notes, "version": __version__})
         return
     for sentence in notes:
         note(sentence)

@@ -10,16 +10,15 @@ import typer
 from cfid.console.inputs import Workplace, find_recording, open_workplace
 from cfid.console.labels import Note
 from cfid.console.lists import comma_list, measured
-from cfid.console.log_summary import print_json, stop_line
-from cfid.console.messages import clock, echo, fitted, printable, result
+from cfid.console.messages import clock, echo, fitted, print_json, printable, result
 from cfid.console.messages import note as print_note
 from cfid.console.options import Figures, Force, Geometry, Method, Out, YawDeg, finite, panel
 from cfid.console.outcome import Delivery, deliver
 from cfid.console.program import program
 from cfid.console.recording import DryRun, Resume, ResumedRun, rig_of, run_to_resume
+from cfid.console.run_summary import stop_line, verdict_line
 from cfid.console.selection import chosen, interrupted
 from cfid.console.vehicle import CellRateHz, NoPreflight, Uri, motors_of
-from cfid.console.verdicts import verdict_line
 from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
 from cfid.lazy import later

@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 
 from cfid.console.live import LiveLine
-from cfid.console.log_summary import summary
 from cfid.console.messages import note as speech
 from cfid.console.recording import Rig, attempt, effort_of
+from cfid.console.run_summary import Judge, judged, summary
 from cfid.console.signals import NOT_READ, quick
 from cfid.console.vehicle import LOG_MS, confirm, reach, refuse
-from cfid.console.verdicts import Judge, judged
 from cfid.errors import CfidError, FitError
 from cfid.estimate.battery_endurance import Held
 from cfid.recordings.wrench import LOADCELL

@@ -13,7 +13,7 @@ import pytest
 import cfid.friction.verdict
 import cfid.loadcell.verdict
 import cfid.swing.verdict
-from cfid.console.verdicts import Judge, judged, verdict_line
+from cfid.console.run_summary import Judge, judged, verdict_line
 from cfid.errors import CfidError, ConfigError
 from cfid.motors.plan import missing
 from cfid.records.run import Run, Verdict, amend_run, list_runs, read_run, write_header

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cfid.console.run_summary import judged, verdict_line
 from cfid.console.selection import chosen
-from cfid.console.verdicts import judged, verdict_line
 from cfid.errors import DataError, FitError
 from cfid.motors.maps import fit_speed, fit_thrust, fit_torque
 from cfid.motors.maps.data import Stand

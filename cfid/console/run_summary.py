@@ -1,16 +1,19 @@
-"""Judge a recording as soon as it ends, and store the verdict in its run.toml."""
+"""The end of a recording: its verdict, which its run.toml keeps, and the summary of rows, losses and files."""
 
 import contextlib
-from collections.abc import Callable
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from cfid.console.messages import note
+from cfid.console.messages import echo, fitted, note, printable
+from cfid.counted import counted
 from cfid.errors import CfidError, ConfigError, DataError
+from cfid.findings import rejection
+from cfid.version import __version__
 
 if TYPE_CHECKING:
     from cfid.records.run import Run
 
-_LARGEST_BYTES = 400_000_000  # of a run: 13 minutes of a load cell at 7 kHz, read in half a minute within 1.5 GB
 _FEW_LOST = 0.01  # of a device's samples
 _MANY_SKIPPED = 0.1  # of the samples that were due: fewer do not affect a fit
 
@@ -25,10 +28,6 @@ def judged(run: "Run", judge: Judge | None) -> "Run":
     if run.header.state == "failed":
         return _with_verdict(run, run.header.reason, usable=False)
     if judge is None or run.header.state != "complete":
-        return run
-    size = sum(run.device_file(name).stat().st_size for name in run.header.devices)
-    if size > _LARGEST_BYTES:
-        note(f"not judged: {size / 1e6:.0f} MB take long to read, and much memory; the fit will judge it.")
         return run
     try:
         usable, text = True, f"{judge(run)}{_losses(run)}"
@@ -108,3 +107,78 @@ def _completing(run: "Run") -> str:
         if not any(steps_left(run)):  # --resume would refuse such a run
             return ""
     return f"`cfid log {run.header.kind} --resume {run.folder.name}` records what it lacks."
+
+
+def print_summary(run: "Run", lines: Sequence[str] = (), failure: CfidError | None = None) -> None:
+    """Print a run's rows, losses and files; the failure that ended the run is printed later, when the command ends."""
+    for name, device in devices_of(run).items():
+        skipped = f", {device['skipped']} skipped: {device['achieved']}" if device["achieved"] else ""
+        lost = "losses unknown" if device["lost"] is None else f"{device['lost']} lost"
+        kinds = {**device["kinds"], "gaps": device["gaps"]}
+        counts = ", ".join(f"{kind.replace('_', ' ')}: {count}" for kind, count in kinds.items() if count)
+        losses = f"{lost} ({counts})" if counts else lost
+        echo(fitted(f"{name}: {counted(device['rows'], 'row')}, {losses}{skipped} -> {device['file']}", indent=2))
+    for line in (*lines, verdict_line(run)):
+        if line:
+            echo(fitted(printable(line)))
+    if (stopped_in_s := _stopped_in_s(run)) is not None:
+        echo(stop_line(stopped_in_s))
+    if failure is not None and run.header.state == "complete":
+        echo("All that was asked for was recorded before the fault below: the run is complete.")
+    elif run.header.reason and run.header.state != "failed":
+        echo(fitted(printable(run.header.reason)))
+
+
+def stop_line(stopped_in_s: float) -> str:
+    """Return the sentence at the end of every command that turned a motor."""
+    return f"motors stopped, confirmed in {1000 * stopped_in_s:.0f} ms."
+
+
+def _stopped_in_s(run: "Run") -> float | None:
+    known = [(record.model_extra or {}).get("stopped_in_s") for record in run.header.devices.values()]
+    return next((seconds for seconds in known if seconds is not None), None)
+
+
+def summary(
+    command: str, run: "Run", failure: CfidError | None, parameters: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
+    """Return the object of --json for a run. Raises DataError where a file of the run is missing."""
+    from cfid.records.files import sha256_of
+
+    devices = devices_of(run)
+    return {
+        "command": command,
+        "run": str(run.folder),
+        "state": run.header.state,
+        "reason": run.header.reason,
+        "parameters": dict(parameters or {}),
+        "accepted": run.header.state == "complete" and failure is None,
+        "findings": [] if failure is None else [rejection("run-failed", str(failure)).as_json()],
+        "quality": {},
+        "verdict": None if run.header.verdict is None else run.header.verdict.model_dump(),
+        "devices": devices,
+        "stopped_in_s": _stopped_in_s(run),
+        "sources": [{"path": device["file"], "sha256": sha256_of(Path(device["file"]))} for device in devices.values()],
+        "version": __version__,
+    }
+
+
+def devices_of(run: "Run") -> dict[str, dict[str, Any]]:
+    """Return what each device of a run recorded and lost, in the form of the summary."""
+    devices: dict[str, dict[str, Any]] = {}
+    for name, record in run.header.devices.items():
+        extra = record.model_extra or {}
+        kinds = {**extra.get("arrivals", {}), **extra.get("losses", {})}
+        kinds.pop("lost", None)  # printed separately, before the kinds
+        file = run.device_file(name)
+        gaps = sum(one.get("lost") != 0 for one in extra.get("gaps", ()))  # the rows of other gaps were only late
+        devices[name] = {
+            "rows": record.rows,
+            "lost": record.lost,
+            "skipped": record.skipped or 0,
+            "achieved": record.achieved,
+            "kinds": kinds,
+            "gaps": gaps,
+            "file": str(file),
+        }
+    return devices
