@@ -1,10 +1,9 @@
 """Run the demo's fits with the operator's own commands, and print the true values next to the estimates."""
 
 import math
-import os
 import subprocess
-from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Iterator, Mapping
+from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
@@ -17,53 +16,21 @@ from cfid.records.campaign import Campaign
 from cfid.records.values import Values
 from cfid.units import COVERAGE_95
 
-_AT_ONCE = 2  # fits at a time: one for each processor of a small computer
-
 HANDED_ON = ("export firmware", "export crazyflow", "export mujoco", "report")
 
 
-class Commands:
-    """Commands of cfid in processes of their own, two at a time, in a campaign's folder."""
+def run_command(words: str, folder: Path, *, environment: Mapping[str, str]) -> subprocess.CompletedProcess[str]:
+    """Run a command of cfid as a process of its own in a campaign's folder; return its output and its exit code."""
+    command = cfid_command(*words.split())
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
 
-    def __init__(self, campaign: Campaign, *, figures: bool) -> None:
-        """Take the campaign that the commands are run in."""
-        self._campaign, self._figures = campaign, figures
-        self._pool = ThreadPoolExecutor(_AT_ONCE)
-        self._running: list[tuple[str, Future[subprocess.CompletedProcess[str]]]] = []
-        # The recordings' commands change the environment meanwhile (typer does): a process that then starts with it
-        # reads freed memory.
-        self._environment = dict(os.environ)
 
-    def start(self, commands: Sequence[str]) -> None:
-        """Begin commands as soon as there is room; run names replace names of kinds."""
-        names = runs_by_kind(self._campaign)
-        for words in (command.format(**names) for command in commands):
-            self._running.append((words, self._pool.submit(self._run, words)))
-
-    def finish(self) -> None:
-        """Wait for all, and print their output in order. Raises FitError, which names the command that failed."""
-        running, self._running = self._running, []
-        for words, future in running:
-            ended = future.result()
-            headline(f"\n$ cfid {words}")
-            echo(ended.stdout, nl=False)
-            if ended.returncode:
-                raise FitError(f"cfid {words} failed: {ended.stderr.strip()}")
-
-    def cancel(self) -> None:
-        """Begin no further command; those that run end by themselves."""
-        self._pool.shutdown(wait=False, cancel_futures=True)
-
-    def _run(self, words: str) -> subprocess.CompletedProcess[str]:
-        drawn = [] if self._figures or not words.startswith(("fit", "tf")) else ["--no-figures"]
-        return subprocess.run(
-            cfid_command(*words.split(), *drawn),
-            cwd=self._campaign.folder,
-            env=self._environment,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+def print_ended(words: str, ended: subprocess.CompletedProcess[str]) -> None:
+    """Print a command and its output. Raises FitError where it failed."""
+    headline(f"\n$ cfid {words}")
+    echo(ended.stdout, nl=False)
+    if ended.returncode:
+        raise FitError(f"cfid {words} failed: {ended.stderr.strip()}")
 
 
 def runs_by_kind(campaign: Campaign) -> dict[str, list[str]]:
