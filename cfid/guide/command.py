@@ -10,7 +10,7 @@ from rich.box import SIMPLE
 from rich.table import Table
 
 from cfid.console.campaign import here, note_unreadable_fits
-from cfid.console.messages import echo, fitted, note, print_json, printable, typed_line
+from cfid.console.messages import ask, echo, fitted, note, print_json, printable
 from cfid.console.processes import cfid_command
 from cfid.console.program import program
 from cfid.console.tables import print_table
@@ -51,7 +51,7 @@ def next_step(*, kind: Kind = None) -> None:
     echo(fitted(printable(step.why)))
     words = step.words if step.recording is None else _prepared(step.recording, opened)
     echo(f"next: cfid {shlex.join(words)}")
-    if not program().yes and _typed("Start it? [Y/n]").lower() not in ("", "y", "yes"):
+    if not program().yes and _answer("Start it? [Y/n]").lower() not in ("", "y", "yes"):
         note("nothing was started. Type `cfid next` again, or the command itself.")
         raise typer.Exit
     _run_instead(words, opened)
@@ -65,7 +65,7 @@ def _prepared(recording: "Assignment", campaign: "Campaign") -> tuple[str, ...]:
     if present().devices(campaign.folder, campaign.rig)[1] and (set_up := _simulated(recording)):
         note(f"the rig is simulated: it has to run as `cfid rig sim {set_up}` for this.")
     questions = recording.questions or {}
-    answers = {name: _typed(question) for name, question in questions.items()}
+    answers = {name: _answer(f"{question}:") for name, question in questions.items()}
     if empty := [question for name, question in questions.items() if not answers[name]]:
         raise ConfigError(f"{empty[0]}: no answer, nothing was started. Type `cfid next` again.")
     return tuple(word.format(**answers) for word in recording.words)
@@ -79,15 +79,13 @@ def _simulated(recording: "Assignment") -> str:
     return "" if label.axis is None else f"--axis {label.axis}"
 
 
-def _typed(question: str) -> str:
+def _answer(question: str) -> str:
     """Return the typed line. Ctrl-C ends the program by itself. Raises ConfigError when the input ends."""
-    echo(f"{question}: ", nl=False)
-    line = typed_line()  # reads no byte more, since the command that follows asks more questions
+    line = ask(question)  # reads no byte more, since the command that follows asks more questions
     if not line:
-        echo()
         raise ConfigError(
-            f"{question}: standard input ended before an answer, nothing was started. Run `cfid next` in a terminal, "
-            "or type its command yourself; --yes leaves out the question whether to start."
+            f"{question} Standard input ended before an answer, nothing was started. Run `cfid next` in a terminal, "
+            "or type its command yourself; `yes` leaves out the question whether to start."
         )
     return line.strip()
 

@@ -495,11 +495,13 @@ def test_next_becomes_the_command_and_without_an_answer_starts_nothing(cfid: Cfi
 
 def test_ctrl_c_at_the_question_of_next_ends_it_with_the_code_of_an_interruption(folder: Path) -> None:
     words = [sys.executable, "-m", "cfid.cli.main", "next"]
-    with subprocess.Popen(words, cwd=folder, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
-        assert process.stdout is not None
+    with subprocess.Popen(
+        words, cwd=folder, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+    ) as process:
+        assert process.stderr is not None
         printed = b""
         while b"Start it?" not in printed:
-            letter = process.stdout.read(1)
+            letter = process.stderr.read(1)
             assert letter, printed
             printed += letter
         for _ in range(3):  # the first signal may come between the question and the reading of its answer
