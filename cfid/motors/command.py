@@ -27,27 +27,33 @@ _staircase_option, _instrument_option = panel("Staircase"), panel("Instrument")
 Tachometer = Literal["typed", "ut372", "lines", "deck", "brushless"]
 
 _SCALES_BAUD = 9600
+_FORCES_HZ = 1000  # enough for means of steps; a rotor's speed from its vibration takes 7 kHz
+# Seconds at a command and in the pause after it: ten time constants of a rotor for a load cell's box; for a device that
+# sends some ten lines a second, what its means take.
+_SECONDS = {"netft": (1.2, 0.8), "lines": (6.0, 2.0)}
 
 
 From = Annotated[int, _staircase_option("--from", min=0, max=FULL_COMMAND, help="First command.")]
 To = Annotated[int, _staircase_option("--to", min=0, max=FULL_COMMAND, help="Last command.")]
 Step = Annotated[int, _staircase_option(min=1, help="Difference between commands.")]
-Down = Annotated[bool, _staircase_option("--down", help="Also step down again, to separate the battery's sag.")]
 Rest = Annotated[float, _staircase_option(metavar="S", help="Seconds of pause before, between and after the commands.")]
 Hold = Annotated[float, _staircase_option(metavar="S", help="Seconds at each command.")]
 
 
 def staircase_of(
-    motors: tuple[int, ...], first: int, last: int, step: int, *, down: bool, hold_s: float, rest_s: float
+    motors: tuple[int, ...], first: int, last: int, step: int, *, hold_s: float, rest_s: float, falls: bool = False
 ) -> "StaircasePlan":
-    """Return a staircase of commands. Raises ConfigError for one without steps, and for impossible times."""
+    """Return a staircase of commands that rise, and then also fall where it `falls`.
+
+    Raises ConfigError for one without steps, and for impossible times.
+    """
     steps = tuple(range(first, last + 1, step))
     if not steps:
         raise ConfigError(f"--from {first} --to {last}: there is no command between them.")
     if not any(steps):
         raise ConfigError(f"--from {first} --to {last} --step {step}: no motor turns at command 0 alone.")
     return StaircasePlan(
-        steps=steps + (steps[-2::-1] if down else ()),
+        steps=steps + (steps[-2::-1] if falls else ()),
         motors=motors,
         hold_s=positive(hold_s, "--hold", most=LONGEST_STEP_S),
         rest_s=positive(rest_s, "--rest", most=LONGEST_STEP_S),
@@ -59,10 +65,15 @@ def thrust(
     *,
     first: From = 0,
     last: To = 64000,
-    step: Step = 2000,
-    down: Down = False,
-    hold: Hold = 10.0,
-    rest: Rest = 3.0,
+    step: Step = 4000,
+    hold: Annotated[
+        float | None,
+        _staircase_option(metavar="S", help="Seconds at each command; default: 1.2, of a device that sends lines 6."),
+    ] = None,
+    rest: Annotated[
+        float | None,
+        _staircase_option(metavar="S", help="Seconds of pause around the commands; default: 0.8, with lines 2."),
+    ] = None,
     motor: Motor = None,
     rate_hz: CellRateHz = None,
     resume: Resume = False,
@@ -71,14 +82,18 @@ def thrust(
     dry_run: DryRun = False,
     note: Note = None,
 ) -> None:
-    """Record load cell, commands and battery while the motors run a staircase; Ctrl-C stops them.
+    """Record load cell, commands and battery while the motors run a staircase up and down; Ctrl-C stops them.
 
-    Example: [bold]cfid log thrust --from 0 --to 64000 --step 2000 --motor 1,3[/bold]
+    Example: [bold]cfid log thrust --from 0 --to 64000 --step 4000 --motor 1,3[/bold]
     """
     from cfid.motors.record import StaircaseRecording, record_forces
 
     rig, word = rig_of(), run_to_resume(run, resume=resume)
-    wanted = staircase_of(motors_of(motor, (1, 3)), first, last, step, down=down, hold_s=hold, rest_s=rest)
+    kind = rig.devices.loadcell.kind
+    hold_s, rest_s = (
+        usual if stated is None else stated for usual, stated in zip(_SECONDS[kind], (hold, rest), strict=True)
+    )
+    wanted = staircase_of(motors_of(motor, (1, 3)), first, last, step, hold_s=hold_s, rest_s=rest_s, falls=True)
     wanted = _remaining("thrust", wanted, word, rig.campaign)
     if dry_run:
         announce(wanted)
@@ -92,7 +107,7 @@ def thrust(
         note=note,
         judge=later("cfid.motors.maps.verdict", "of_forces"),
     )
-    record_forces(recording, rate_hz=rate_hz)
+    record_forces(recording, rate_hz=_FORCES_HZ if rate_hz is None and kind == "netft" else rate_hz)
 
 
 def speed(
@@ -108,8 +123,7 @@ def speed(
     port: Annotated[str | None, _instrument_option(help="Port of the UT372; default: search for it.")] = None,
     first: From = 0,
     last: To = 64000,
-    step: Step = 2000,
-    down: Down = False,
+    step: Step = 4000,
     hold: Hold = 6.0,  # a tachometer's display takes seconds to settle
     rest: Rest = 2.0,
     motor: Motor = None,
@@ -129,7 +143,7 @@ def speed(
     tachometer = tachometer or _tachometer_of(word, rig.campaign)
     if port is not None and tachometer != "ut372":
         raise ConfigError(f"--port is the UT372's, and --tachometer is {tachometer}.")
-    wanted = staircase_of(motors_of(motor, (1,)), first, last, step, down=down, hold_s=hold, rest_s=rest)
+    wanted = staircase_of(motors_of(motor, (1,)), first, last, step, hold_s=hold, rest_s=rest)
     wanted = _remaining("speed", wanted, word, rig.campaign)
     if dry_run:
         announce(wanted)
@@ -159,7 +173,6 @@ def scales(
     first: From = 0,
     last: To = 64000,
     step: Step = 4000,  # as in figure 3.9, also the times
-    down: Down = False,
     hold: Hold = 5.0,
     rest: Rest = 3.0,
     motor: Motor = None,
@@ -176,7 +189,7 @@ def scales(
     from cfid.motors.record import StaircaseRecording, record_scales
 
     rig, word = rig_of(), run_to_resume(run, resume=resume)
-    wanted = staircase_of(motors_of(motor, (1, 3)), first, last, step, down=down, hold_s=hold, rest_s=rest)
+    wanted = staircase_of(motors_of(motor, (1, 3)), first, last, step, hold_s=hold, rest_s=rest)
     wanted = _remaining("scales", wanted, word, rig.campaign)
     known = _scales_of(word, rig.campaign)
     if dry_run:
