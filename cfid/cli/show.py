@@ -1,15 +1,12 @@
-"""`cfid show`: draw a recording as figures, or in the terminal."""
+"""`cfid show`: draw a recording as figures."""
 
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from cfid.console.inputs import open_workplace
-from cfid.console.messages import echo
 from cfid.console.options import Figures, Force, Geometry, Out
 from cfid.console.outcome import Delivery, deliver
-from cfid.console.program import program
-from cfid.errors import ConfigError
 from cfid.findings import warning
 from cfid.records.result import Result
 from cfid.records.run import run_holding
@@ -19,15 +16,12 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from cfid.console.views import View
-
 
 def show_run(
     run: Annotated[
         str, typer.Argument(metavar="RUN", help="A run folder, a run's name, or a file from another program.")
     ],
     *,
-    terminal: Annotated[bool, typer.Option("--terminal", help="Draw in the terminal instead of in a file.")] = False,
     geometry: Geometry = None,
     force: Force = False,
     figures: Figures = None,
@@ -35,17 +29,12 @@ def show_run(
 ) -> None:
     """Plot a run, device by device: angle and speed, forces and their spectrum, commands, battery, crossings, pings.
 
-    Example: [bold]cfid show runs/2026-11-21_083012_swing_x --terminal[/bold]
+    Example: [bold]cfid show runs/2026-11-21_083012_swing_x[/bold]
     """
     from cfid.console.views import views_of
 
-    if terminal and program().json:
-        raise ConfigError("--terminal and --json both write to the terminal: give one of them.")
     workplace = open_workplace(geometry)
     views, faults = views_of(run, workplace)
-    if terminal:
-        for view in views:
-            _plot_in_terminal(view)
 
     def drawings() -> "dict[str, Figure]":
         return {view.figure: view.draw() for view in views if view.figure}
@@ -65,7 +54,7 @@ def show_run(
         findings=tuple(warning("recording", text) for text in dict.fromkeys((*notes, *faults))),
         sources=tuple(view.source for view in views),
         lines=tuple(line for view in views for line in view.lines),
-        drawings=None if terminal else drawings,
+        drawings=drawings,
         folder=views[0].path.parent,
     )
     deliver(result, Delivery(force, figures, out), workplace, keep=False)
@@ -76,16 +65,3 @@ def _verdict(path: "Path") -> list[str]:
     run = run_holding(path)
     verdict = None if run is None else run.header.verdict
     return [] if verdict is None or verdict.usable else [f"not usable: {verdict.text}"]
-
-
-def _plot_in_terminal(view: "View") -> None:
-    import plotext
-
-    plotext.clear_figure()
-    plotext.plot(view.curve.time_s.tolist(), view.curve.value.tolist(), marker="braille")
-    plotext.title(view.name)
-    plotext.xlabel("time, s")
-    plotext.ylabel(view.curve.name)
-    plotext.plotsize(78, 22)
-    plotext.theme("clear")
-    echo(plotext.uncolorize(plotext.build()))

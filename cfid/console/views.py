@@ -1,15 +1,16 @@
-"""The view of each series in a recording, for `cfid show`: numbers, a curve for the terminal, and a figure."""
+"""The view of each series in a recording, for `cfid show`: numbers and a figure."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from cfid.console.inputs import Workplace, counts_of_rig, find_recording
 from cfid.drawing.recordings import device_figure, recording_figure, wrench_figure
 from cfid.errors import DataError
-from cfid.estimate.signals import block_means
 from cfid.findings import texts
 from cfid.large import differences, some_steps
 from cfid.quantities.registry import unit_of
@@ -30,17 +31,8 @@ if TYPE_CHECKING:
     from cfid.recordings.recording import Array, Column, Recording, Series
     from cfid.recordings.wrench import WrenchRecord
 
-_CURVE_POINTS = 400  # more than the dots across a terminal
 _MOST_FIGURES = 8  # of a log with one series per topic: a hundred figures would take minutes
 _DRAWN_ROWS = 20_000  # more than the dots across a page
-
-
-class Curve(NamedTuple):
-    """A value over time (n,), thinned to what a terminal can show, and the name of its axis."""
-
-    time_s: "Array"
-    value: "Array"
-    name: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,11 +43,9 @@ class View:
     """
 
     device: str
-    name: str
     path: Path
     source: Source
     parameters: dict[str, Parameter]
-    curve: Curve
     draw: "Callable[[], Figure]"
     notes: tuple[str, ...] = ()
     lines: tuple[str, ...] = ()
@@ -95,36 +85,27 @@ def views_of(word: str, workplace: Workplace) -> tuple[list[View], tuple[str, ..
 
 
 def _angle_view(record: "AngleRecord") -> View:
-    import numpy as np
-
     return View(
         device=ENCODER,
-        name=record.name,
         path=record.path,
         source=record.source,
         notes=texts(record.findings, "warning", "rejection"),
         lines=texts(record.findings, "note"),
         parameters=_sampling(record.time_s, len(record.time_s))
         | {"range_rad": Parameter(value=float(np.ptp(record.angle_rad)), unit="rad")},
-        curve=_curve(record.time_s, np.degrees(record.angle_rad), "angle, degrees"),
         draw=lambda: recording_figure(record, title=record.name),
         figure=f"{record.path.stem}_recording",
     )
 
 
 def _wrench_view(record: "WrenchRecord") -> View:
-    # Draw means, since single samples of a vibration would alias into a false curve.
-    length = -(-len(record.time_s) // _CURVE_POINTS)
-    means = block_means(record.time_s, length=length), block_means(record.values_of(record.main_axis), length=length)
     return View(
         device=LOADCELL,
-        name=record.name,
         path=record.path,
         source=record.source,
         notes=texts(record.findings, "warning", "rejection"),
         lines=texts(record.findings, "note"),
         parameters=_sampling(record.time_s, len(record.time_s)) | _means(record),
-        curve=Curve(*means, f"{record.main_axis}, {'N' if record.main_axis.startswith('F') else 'N m'}"),
         draw=lambda: wrench_figure(record, title=record.name),
         figure=f"{record.path.stem}_recording",
     )
@@ -163,7 +144,7 @@ def _device_view(recording: "Recording", device: str) -> View:
         if device != SUPERVISOR  # a word of bits has no mean
     }
     view = _series_view(series, title=f"{recording.name}, {device}", notes=notes)
-    return replace(view, name=recording.name, parameters=view.parameters | means)
+    return replace(view, parameters=view.parameters | means)
 
 
 def _log_views(recording: "Recording") -> list[View]:
@@ -192,8 +173,6 @@ def _log_views(recording: "Recording") -> list[View]:
 
 def _stand_view(recording: "Recording") -> View:
     """Return the view of a thrust stand's table in SI units."""
-    import numpy as np
-
     table = stand_of(recording)
     values = {"cmd": table.command, "thrust_n": table.thrust_n, "torque_nm": table.torque_nm, "vbat_v": table.vbat_v}
     values |= {"grams": table.grams}
@@ -224,13 +203,10 @@ def _stand_view(recording: "Recording") -> View:
 
 def _series_view(series: "Series", *, title: str, notes: tuple[str, ...] = ()) -> View:
     """Return a view of any series: its columns over time, or for settled points over the rows."""
-    import numpy as np
-
     step = -(-series.rows // _DRAWN_ROWS)
     along = np.arange(float(series.rows)) if series.time_s is None else series.time_s
     # Events without variables are only times: a running count shows them.
     columns = {column.name: column.values for column in series.columns} or {"events": np.arange(1.0, series.rows + 1)}
-    first = next((column.name for column in series.columns if column.unit), next(iter(columns)))
 
     def draw() -> "Figure":
         drawn = {name: values[::step] for name, values in columns.items()}
@@ -239,12 +215,10 @@ def _series_view(series: "Series", *, title: str, notes: tuple[str, ...] = ()) -
 
     return View(
         device=series.name,
-        name=title,
         path=series.path,
         source=series.source or Source(str(series.path), ""),
         notes=notes,
         parameters=_sampling(series.time_s, series.rows),
-        curve=_curve(along, columns[first], first),
         draw=draw,
         figure=f"{series.path.stem}_recording",
     )
@@ -257,18 +231,8 @@ def _states(since_s: "Array", words: "Array") -> str:
     return "vehicle: " + ", ".join(f"{name} at {time_s:.1f} s" for time_s, name in changes)
 
 
-def _curve(time_s: "Array", value: "Array", name: str) -> Curve:
-    """Return some of the values (n,) at times (n,)."""
-    import numpy as np
-
-    chosen = np.linspace(0, len(time_s) - 1, min(_CURVE_POINTS, len(time_s))).astype(int)
-    return Curve(time_s[chosen], value[chosen], name)
-
-
 def _range_of(column: "Column") -> Parameter:
     """Return the lowest and the highest number of a column, in its SI unit where its unit is known."""
-    import numpy as np
-
     known = column.values[np.isfinite(column.values)]
     unit, factor = si_unit(column)
     both = [factor * float(known.min()), factor * float(known.max())] if len(known) else [np.nan, np.nan]
@@ -277,8 +241,6 @@ def _range_of(column: "Column") -> Parameter:
 
 def _sampling(time_s: "Array | None", rows: int) -> dict[str, Parameter]:
     """Return the number of rows and, for times (rows,) since the first, their duration and their intervals."""
-    import numpy as np
-
     samples = {"samples": Parameter(value=rows, unit="1")}
     if time_s is None or rows < 2:
         return samples

@@ -9,7 +9,7 @@ import pytest
 
 from tests.lab import Cfid
 
-HEAVY = ("numpy", "scipy", "pandas", "matplotlib", "pydantic", "plotext", "twisted", "serial", "cflib", "tomlkit")
+HEAVY = ("numpy", "scipy", "pandas", "matplotlib", "pydantic", "twisted", "serial", "cflib", "tomlkit")
 
 
 def test_help_imports_nothing_heavy() -> None:

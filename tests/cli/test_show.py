@@ -79,9 +79,6 @@ def test_a_run_with_both_devices_shows_both_and_says_once_what_holds_for_both(cf
     assert [Path(source["path"]).stem for source in result["sources"]] == ["encoder", "loadcell"]
     assert len(sentences(result)) == 1
 
-    terminal = cfid("show", run, "--terminal").stdout
-    assert terminal.index("angle, degrees") < terminal.index("Fz, N")
-
 
 def test_a_device_that_recorded_nothing_does_not_hide_the_other(cfid: Cfid, tmp_path: Path) -> None:
     result = shown(cfid("show", recorded(tmp_path, angle=True, forces=False), "--json"))
