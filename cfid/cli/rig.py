@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -109,10 +109,6 @@ def sim(
         float | None, typer.Option("--for", metavar="S", help="Seconds to serve; default: until Ctrl-C.")
     ] = None,
     truth: Annotated[Path | None, typer.Option(help="TOML file with the true parameters.")] = None,
-    platform: Annotated[
-        Literal["cf2", "cf21bl"] | None,
-        typer.Option(help="Vehicle: a Crazyflie 2.x or a 2.1 Brushless; default: the truth file's, else cf2."),
-    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the rig's parameters and noise.")] = 1,
     axis: Annotated[str | None, typer.Option(metavar="MOUNT", help="Mount on which the vehicle swings.")] = None,
     weight: Annotated[
@@ -127,6 +123,8 @@ def sim(
 ) -> None:
     """Serve a simulated encoder, load cell and Crazyflie on real interfaces; cfid's commands use them while this runs.
 
+    The vehicle is a Crazyflie 2.x, or a 2.1 Brushless where rig.toml or the truth file states it.
+
     Example: [bold]cfid rig sim --axis x[/bold]
     """
     from cfid.console.campaign import here
@@ -139,6 +137,7 @@ def sim(
     if for_s is not None:
         positive(for_s, "--for")
     campaign = here()
+    is_brushless = campaign.rig.vehicle.platform == "cf21bl"
 
     async def main(loop: "Loop", ending: "Ending") -> None:
         with TemporaryDirectory(prefix="cfid-sim-") as folder:
@@ -147,7 +146,7 @@ def sim(
                 campaign.rig,
                 seconds=loop.seconds,
                 seed=seed,
-                truth=load_truth(truth, platform=platform) if truth else usual_truth(platform or "cf2"),
+                truth=load_truth(truth) if truth else usual_truth("cf21bl" if is_brushless else "cf2"),
                 encoder_faults=encoder_faults,
                 loadcell_faults=loadcell_faults,
                 crazyflie_faults=crazyflie_faults,

@@ -151,14 +151,12 @@ def as_mounted(truth: SimTruth, rig: Rig) -> SimTruth:
     return truth.model_copy(update=parts)
 
 
-def load_truth(path: Path, *, platform: Platform | None = None) -> SimTruth:
-    """Read a truth file; `platform` overrides the file's own. Raises ConfigError naming file and key."""
+def load_truth(path: Path) -> SimTruth:
+    """Read a truth file. Raises ConfigError naming file and key."""
     try:
         content = read_toml(path, ConfigError)
     except FileNotFoundError:
         raise ConfigError(f"{path}: no such file.") from None
-    if platform is not None and isinstance(content.setdefault("crazyflie", {}), dict):
-        content["crazyflie"]["platform"] = platform
     try:
         return SimTruth.model_validate(content)
     except ValidationError as error:
