@@ -92,12 +92,6 @@ def import_file(
         int, typer.Option(min=0, help="Lines to skip at the top of the file.", rich_help_panel=_COLUMNS)
     ] = 0,
     decimal: Annotated[Literal[".", ","], typer.Option(help="Decimal mark.", rich_help_panel=_COLUMNS)] = ".",
-    sort_times: Annotated[
-        bool,
-        typer.Option(
-            "--sort-times", help="Put rows in the order of their times where these go back.", rich_help_panel=_COLUMNS
-        ),
-    ] = False,
     clock: Annotated[
         Literal["true", "84/85"] | None,
         typer.Option(
@@ -177,7 +171,6 @@ def import_file(
         rate_hz=rate_hz,
         skip_lines=skip_lines,
         decimal=decimal,
-        sort_times=sort_times,
         clock=clock,
         counts_per_turn=None if counts_per_turn is None else _counts(counts_per_turn),
         counts_per_n=counts_per_n,

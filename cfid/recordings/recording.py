@@ -32,7 +32,7 @@ _ANGLES = re.compile(
 TIME, ANGLE = "t", "phi"  # what runs call them, and options that name no other column
 COUNTS = ("counts", "count")  # as units of an encoder or a load cell
 ENCODER = "encoder"  # the device of a run
-OF_TABLES = ("columns", "units", "rate_hz", "skip_lines", "decimal", "rows", "sort_times")  # fields of `How`
+OF_TABLES = ("columns", "units", "rate_hz", "skip_lines", "decimal", "rows")  # fields of `How`
 FEWEST_ROWS = 16  # of a recording of an angle or of forces
 MISSING_SHARE = 0.1  # of a recording's rows that may lack a number
 
@@ -62,7 +62,6 @@ class How:
     skip_lines: int = 0
     decimal: Literal[".", ","] = "."
     rows: tuple[tuple[str, str], ...] = ()
-    sort_times: bool = False
     clock: Literal["true", "84/85"] | None = None
     counts_per_turn: float | str | None = None
     counts_per_n: float | None = None

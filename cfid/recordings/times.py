@@ -35,9 +35,9 @@ def time_column(table: Table, how: How) -> Column | None:
 def series_of(table: Table, how: How, *, name: str = "", sort: bool = False, timed: bool = True) -> Series:
     """Return a table's columns over its times, without the rows that have none.
 
-    `timed` tables need times; others have none where no column and no rate gives them. With `sort`, or
-    `how.sort_times`, rows whose time goes back are sorted. Raises DataError for times that go back or stand still, and
-    ConfigError where there are none, or their unit is not known.
+    `timed` tables need times; others have none where no column and no rate gives them. With `sort`, rows
+    whose time goes back are sorted. Raises DataError for times that go back or stand still, and ConfigError where there
+    are none, or their unit is not known.
     """
     column = time_column(table, how)
     series = Series(
@@ -52,7 +52,7 @@ def series_of(table: Table, how: How, *, name: str = "", sort: bool = False, tim
     if how.rate_hz is not None:
         return _at_rate(series, how.rate_hz)
     if column is not None:
-        return _over_times(series, column, sort=sort or how.sort_times)
+        return _over_times(series, column, sort=sort)
     if timed:
         listing = ", ".join(table.heads)
         raise ConfigError(
@@ -77,7 +77,7 @@ def _over_times(series: Series, column: Column, *, sort: bool) -> Series:
         raise DataError(
             f"{series.line(row)}: time goes back from {raw[row - 1]:.16g} to {raw[row]:.16g}"
             f"{f', {back} times in all' if back > 1 else ''}. Are two recordings in one file, or was the clock set? "
-            "Cut the file before that line, sort its rows by `sort_times`, or give `rate_hz` for evenly spaced ones.",
+            "Cut the file before that line, sort its rows, or give `rate_hz` for evenly spaced ones.",
             code="time-goes-back",
         )
     if back:

@@ -143,7 +143,7 @@ def test_times_that_go_back_are_refused_by_their_line_or_sorted(written: Written
     with pytest.raises(DataError, match=r"table\.csv:4") as error:
         series_of(read_table(path), How())
     assert error.value.code == "time-goes-back"
-    series = series_of(read_table(path), How(sort_times=True))
+    series = series_of(read_table(path), How(), sort=True)
     assert np.array_equal(series.column("a").values, [0, 1, 2, 3])
     assert [finding.code for finding in series.findings] == ["time-sorted"]
     assert series.line_of_row is not None
