@@ -63,7 +63,7 @@ MOTORS = (
     Recording(f"log thrust --from 0 --to 64000 --step 8000 --motor 1,3 --rate-hz 1000 {_STAIRS}"),
     Recording("log thrust --from 20000 --to 60000 --step 20000 --motor 1 --hold 1.5 --rest 1.5 --rate-hz 7000 --yes"),
     Recording(f"log speed --from 8000 --to 64000 --step 8000 --motor 1,3 {_STAIRS}", is_read=True),
-    Recording("log sine --periods 1,4,10,25,50,35,17,6,2 --samples 2000 --amplitude 20000 --rate-hz 1000 --yes"),
+    Recording("log sine --hz 0.25,1,2.5,6.25,12.5,8.75,4.25,1.5,0.5 --for 4 --amplitude 20000 --rate-hz 1000 --yes"),
     Recording("log ping --count 300"),
 )
 

@@ -222,7 +222,7 @@ def _rest(recording: Assignment, included: Sequence[Run], runs: Sequence[Run]) -
             sweep, simulated = SineSweep.of_run(run), run.header.simulated
             lacks = missing_sines(sweep, runs, simulated=simulated, excluded=True)
             if len(lacks) < len(missing_sines(sweep, runs, simulated=simulated)):  # --resume would repeat excluded ones
-                words = (*words, "--periods", ",".join(str(sine.periods) for sine in lacks))
+                words = (*words, "--hz", ",".join(f"{sine.hz:g}" for sine in lacks))
             return replace(recording, words=words, questions=None) if lacks else None
         from cfid.recordings.resumed import steps_left
 

@@ -1,5 +1,6 @@
 """Provide `cfid log sine`, `cfid tf identify` and `cfid tf verify`: sines, their transfer function, and its check."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,7 +13,7 @@ from cfid.console.labels import Note
 from cfid.console.lists import comma_list, measured
 from cfid.console.messages import clock, echo, fitted, print_json, printable, result
 from cfid.console.messages import note as print_note
-from cfid.console.options import Figures, Force, Geometry, Method, Out, YawDeg, finite, panel
+from cfid.console.options import Figures, Force, Geometry, Method, Out, YawDeg, finite, panel, positive
 from cfid.console.outcome import Delivery, deliver
 from cfid.console.program import program
 from cfid.console.recording import DryRun, Resume, ResumedRun, rig_of, run_to_resume
@@ -38,9 +39,11 @@ if TYPE_CHECKING:
     from cfid.transfer.plan import Sine, SineSweep
 
 _measured_option, _sine_option = panel("What was measured"), panel("Sine")
-_LARGEST_N = 2**32 - 1
+_LONGEST_S = 600.0  # of a sine: longer than any battery lasts
 _USUAL_N = 4000
+_ROUNDING = 0.01  # of the distance between two frequencies: those that are typed are rounded
 _USUAL_PLAN: Literal["log"] = "log"
+_PLANS = {"thesis-first": THESIS_FIRST, "thesis-second": THESIS_SECOND}
 _BEFORE_S = 1.0  # of baseline before each sine, for the bias
 # Added to each run: connecting to the load cell, and the second until the vehicle reports the end.
 _EXTRA_S = 2.5
@@ -215,56 +218,61 @@ def _function(workplace: Workplace) -> tuple["TransferFunction", frozenset[str]]
 
 @dataclass(frozen=True, kw_only=True)
 class SineChoice:
-    """The options of eq. 3.6, u[n] = A cos(2 pi l n/N) + 30000, as given; None for the usual ones."""
+    """The options of the sines u[n] = A cos(2 pi l n/N) + 30000 (eq. 3.6), as given; None for the usual ones."""
 
-    periods: str | None = None
+    hz: str | None = None
     plan: Plan = _USUAL_PLAN
-    samples: int | None = None
+    for_s: float | None = None
     amplitude: int | None = None
     motor: list[str] | None = None
     force: bool = False
 
     def chosen(self, resumed: "SineSweep | None" = None) -> "SineSweep":
-        """Return the sines to play, checked as in C.2.4; a resumed run keeps its N, A and motor.
+        """Return the sines to play, checked as in C.2.4; a resumed run keeps its duration, A and motor.
 
-        It also keeps the l of its series unless others are given. Raises ConfigError.
+        It also keeps the frequencies of its series unless others are given. Raises ConfigError.
         """
-        planned = self._named() if self.periods is not None else self._planned()
+        samples = None if self.for_s is None else round(SAMPLES_PER_S * positive(self.for_s, "--for", most=_LONGEST_S))
         options: dict[str, Any] = {
-            "samples": self.samples,
+            "samples": samples,
             "amplitude": self.amplitude,
             "motors": None if self.motor is None else motors_of(self.motor, (), least=0),
         }
         given = {name: value for name, value in options.items() if value is not None}
-        if resumed is None:
-            sweep = replace(planned, **given)
+        for name, value in {} if resumed is None else given.items():
+            if value != getattr(resumed, name):
+                option = {"samples": "for", "motors": "motor"}.get(name, name)
+                raise ConfigError(f"--{option}: the run to resume has another one: leave the option out.")
+        if self.hz is not None:
+            usual = SineSweep(periods=(), samples=samples or _USUAL_N) if resumed is None else resumed
+            sweep = replace(usual, periods=self._periods(self.hz, usual.samples), text="")
+        elif resumed is not None and self.plan == _USUAL_PLAN and len(resumed.periods) > 1:
+            sweep = resumed
         else:
-            for name, value in given.items():
-                if value != getattr(resumed, name):
-                    option, has = ("motor", resumed.motors[0]) if name == "motors" else (name, getattr(resumed, name))
-                    raise ConfigError(f"--{option}: the run to resume has {has}: leave the option out.")
-            series_known = self.periods is None and self.plan == _USUAL_PLAN and len(resumed.periods) > 1
-            sweep = resumed if series_known else replace(resumed, periods=planned.periods, text=planned.text)
-        for l in sweep.periods:  # noqa: E741 - the letter of the equation
-            if not 0 <= l <= sweep.samples // 2:
-                raise ConfigError(f"--periods {l}: has to be from 0 to N/2 = {sweep.samples // 2}.")
+            planned = _PLANS[self.plan] if self.plan in _PLANS else log_spaced(samples or _USUAL_N)
+            sweep = planned if resumed is None else replace(resumed, periods=planned.periods, text=planned.text)
+        sweep = replace(sweep, **given)
         if sweep.amplitude > MIDDLE and not self.force:
             raise ConfigError(f"--amplitude {sweep.amplitude}: above {MIDDLE} the sine is clipped; --force allows it.")
         return sweep
 
-    def _planned(self) -> "SineSweep":
-        if self.plan == _USUAL_PLAN:
-            return log_spaced(self.samples or _USUAL_N)
-        return THESIS_FIRST if self.plan == "thesis-first" else THESIS_SECOND
-
-    def _named(self) -> "SineSweep":
-        assert self.periods is not None
+    def _periods(self, hz: str, samples: int) -> tuple[int, ...]:
+        """Return the l of frequencies, of which N samples hold whole periods. Raises ConfigError."""
         if self.plan != _USUAL_PLAN:
-            raise ConfigError(f"--periods and --plan {self.plan}: give one of them.")
-        periods = comma_list(self.periods, "--periods", int, least=0, example="1,2,4")
+            raise ConfigError(f"--hz and --plan {self.plan}: give one of them.")
+        frequencies = comma_list(hz, "--hz", float, least=0, most=SAMPLES_PER_S / 2, example="0.5,1,2.5")
+        step_hz = SAMPLES_PER_S / samples
+        for frequency in frequencies:
+            below = math.floor(frequency / step_hz) * step_hz
+            if abs(frequency - round(frequency / step_hz) * step_hz) > _ROUNDING * step_hz:
+                raise ConfigError(
+                    f"--hz {frequency:g}: {samples / SAMPLES_PER_S:g} s hold no whole periods of it: take "
+                    f"{below:g} or {below + step_hz:g}, or another --for."
+                )
+        periods = tuple(round(frequency / step_hz) for frequency in frequencies)
         if len(set(periods)) < len(periods):
-            raise ConfigError(f"--periods {self.periods}: names a frequency twice.")
-        return SineSweep(periods=periods, samples=_USUAL_N)
+            raise ConfigError(f"--hz {hz}: names a frequency twice.")
+        return periods
 
 
 USUAL_SINES = SineChoice()
@@ -286,28 +294,18 @@ def _series_of(word: Path, campaign: "Campaign") -> "SineSweep":
 def sine(
     run: ResumedRun = None,
     *,
-    periods: Annotated[
+    hz: Annotated[
         str | None,
-        _sine_option(
-            "--periods",
-            "--l",
-            metavar="L,L,...",
-            help="Periods within N samples, one run each; default: those of --plan.",
-        ),
+        _sine_option(metavar="HZ,HZ,...", help="Frequencies of the sines, one run each; default: those of --plan."),
     ] = None,
     plan: Annotated[
         Plan,
         _sine_option(
-            help="log: about twenty sines up to 12.5 Hz; thesis-...: a series of table 3.1 with its N, A and motor "
-            "(most values of l are reconstructed)."
+            help="log: about twenty sines up to 12.5 Hz; thesis-...: a series of table 3.1 with its duration, A and "
+            "motor (most of its frequencies are reconstructed)."
         ),
     ] = _USUAL_PLAN,
-    samples: Annotated[
-        int | None,
-        _sine_option(
-            "--samples", "--n", min=1, max=_LARGEST_N, help="N, the number of samples at 500 Hz; default: 4000."
-        ),
-    ] = None,
+    for_s: Annotated[float | None, _sine_option("--for", metavar="S", help="Seconds of each sine; default: 8.")] = None,
     amplitude: Annotated[
         int | None,
         _sine_option(min=1, max=FULL_COMMAND, help="A, the amplitude in units of the command; default: 20000."),
@@ -330,11 +328,11 @@ def sine(
 
     The duration is printed before the first motor turns.
 
-    Example: [bold]cfid log sine --periods 1,2,4,8,16,32 --samples 4000 --amplitude 20000 --motor 1[/bold]
+    Example: [bold]cfid log sine --hz 0.25,0.5,1,2,4,8 --amplitude 20000 --motor 1[/bold]
     """
     from cfid.transfer.record import record_sines
 
-    choice = SineChoice(periods=periods, plan=plan, samples=samples, amplitude=amplitude, motor=motor, force=force)
+    choice = SineChoice(hz=hz, plan=plan, for_s=for_s, amplitude=amplitude, motor=motor, force=force)
     word = run_to_resume(run, resume=resume)
     if word is None:
         sweep = choice.chosen()  # invalid options are refused before the search for devices
@@ -353,7 +351,8 @@ def sine(
     if above := above_cutoff(sines):
         print_note(f"{above}: `cfid tf identify` leaves such sines out.")
     if sweep.text:
-        print_note(f"l = {', '.join(map(str, dict.fromkeys(wanted)))}: {sweep.text}")
+        frequencies = ", ".join(dict.fromkeys(f"{own.hz:g}" for own in sines))
+        print_note(f"{frequencies} Hz: {sweep.text}")
     if dry_run:
         echo(lasts)
         return
@@ -382,7 +381,7 @@ def sine(
 
 def _sine_line(sine: "Sine", run: "Run") -> str:
     lines = (
-        fitted(f"l = {sine.periods}: {run.header.state} -> {run.folder}", indent=2),
+        fitted(f"{sine.hz:g} Hz: {run.header.state} -> {run.folder}", indent=2),
         fitted(f"  {printable(verdict_line(run))}", indent=2),
     )
     return "\n".join(line for line in lines if line.strip())

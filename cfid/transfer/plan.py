@@ -74,13 +74,18 @@ class Sine:
         return [Held(int(self.middle), motors, played_s), Held(0, 0, max(lasts_s - played_s, 0.0))]
 
     @property
+    def hz(self) -> float:
+        """The frequency, in Hz."""
+        return SAMPLES_PER_S * self.periods / self.samples
+
+    @property
     def omega_rad(self) -> float:
         """The frequency Omega_l, in rad per sample."""
         return 2 * np.pi * self.periods / self.samples
 
     def is_above(self, cutoff_hz: float) -> bool:
         """Return whether a fit up to a frequency leaves this sine out."""
-        return SAMPLES_PER_S * self.periods / self.samples > cutoff_hz * (1 + _ROUNDING)
+        return self.hz > cutoff_hz * (1 + _ROUNDING)
 
     @property
     def half_period_s(self) -> float:
@@ -162,8 +167,8 @@ def missing_sines(sweep: SineSweep, runs: Iterable[Run], *, simulated: bool, exc
 
 def above_cutoff(sines: Iterable[Sine], cutoff_hz: float = CUTOFF_HZ) -> str:
     """Return a sentence on the sines that a fit up to a frequency leaves out, "" for none."""
-    above = dict.fromkeys(str(sine.periods) for sine in sines if sine.is_above(cutoff_hz))
-    return f"l = {', '.join(above)} above the cut-off of {cutoff_hz:g} Hz" if above else ""
+    above = dict.fromkeys(f"{sine.hz:g}" for sine in sines if sine.is_above(cutoff_hz))
+    return f"{', '.join(above)} Hz: above the cut-off of {cutoff_hz:g} Hz" if above else ""
 
 
 _RECONSTRUCTED = "reconstructed by table 3.1's number of l, their range and growing steps;"
@@ -201,9 +206,5 @@ def log_spaced(samples: int) -> SineSweep:
         near = abs(math.log(nearest / wanted)) <= _NEAR
         periods.add(max(nearest if near else round(wanted), _FEWEST_PERIODS))
     rising = sorted(periods)
-    whole = sum(l in divisors for l in periods)  # noqa: E741
-    text = (
-        f"{counted(len(periods), 'sine')}, evenly over the logarithm of frequency up to {CUTOFF_HZ:g} "
-        f"Hz; {whole} divide N."
-    )
+    text = f"{counted(len(periods), 'sine')}, evenly over the logarithm of frequency up to {CUTOFF_HZ:g} Hz."
     return SineSweep(periods=(*rising[::2], *rising[1::2][::-1]), samples=samples, text=text)

@@ -71,7 +71,7 @@ def record_sines(
         effort += _quick(cell, rig, lambda: crazyflie.usual_log(LOG_MS), held_in_all) if preflight else NOT_READ
         confirm(crazyflie, sorted({*chain(*turning)}), (least, largest), effort=effort, ring=live.ring)
         for count, sine in enumerate(sines):
-            name = f"l = {sine.periods} ({count + 1} of {len(sines)})"
+            name = f"{sine.hz:g} Hz ({count + 1} of {len(sines)})"
             live.task(f"{name}: pause")
 
             def tell(text: str, name: str = name) -> None:

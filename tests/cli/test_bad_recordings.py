@@ -17,7 +17,7 @@ from tests.virtual_lab import lab_in
 Array = npt.NDArray[np.float64]
 
 STAIRS = ("thrust", "--from", 20000, "--to", 32000, "--step", 4000, "--hold", 3, "--rest", 1, "--yes")
-SINE = ("sine", "--l", 40, "--n", 1000, "--yes")
+SINE = ("sine", "--hz", 20, "--for", 2, "--yes")
 RELEASED_S = 2.0
 
 

@@ -80,7 +80,7 @@ def test_a_wrong_option_is_named_before_anything_is_opened(tmp_path: Path, words
         ("ping --count 200", "200"),
         ("thrust", "33"),
         ("scales", "17"),
-        ("sine --l 5,20", ""),
+        ("sine --hz 0.5,2", ""),
     ],
 )
 def test_a_dry_run_opens_nothing(tmp_path: Path, words: str, number: str) -> None:

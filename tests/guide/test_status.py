@@ -438,7 +438,7 @@ def test_a_sine_of_no_use_is_played_again_and_one_that_was_excluded_only_on_requ
 
     amend_run(first, excluded="for verification")
     words = asked_for(tf(folder))
-    assert words == ("log", "sine", "--resume", last.folder.name, "--periods", "5")
+    assert words == ("log", "sine", "--resume", last.folder.name, "--hz", "0.625")
     assert resumed(*words).stdout.startswith("1 sine of ")
     assert resumed().stdout.startswith("2 sines of ")
 

@@ -74,7 +74,7 @@ COMMANDS = {
     "log speed --tachometer deck": Driving(STEP, vehicles=("stock, deck",)),
     "log speed --tachometer brushless": Driving(STEP, vehicles=("app, Brushless",)),
     "log scales": Driving(STEP, "30\n"),
-    "log sine": Driving(("--l", "8,16", "--n", 500, "--yes"), vehicles=("app", "app, Brushless", "app, deck")),
+    "log sine": Driving(("--hz", "8,16", "--for", 1, "--yes"), vehicles=("app", "app, Brushless", "app, deck")),
     "log wind": Driving(
         ("--wind", 0, "--tachometer", "none", "--commands", 20000, "--hold", 0.8, "--rest", 0.5, "--yes")
     ),
@@ -104,7 +104,7 @@ def test_a_command_ends_well_with_its_default_options(tmp_path: Path, name: str,
 
 HOLD = ("motors", "set", 30000, "--yes")
 STAIRS = ("log", "thrust", *ALL, "--from", 30000, "--to", 30000, "--hold", 20, "--rest", 0.3, "--yes")
-SINES = ("log", "sine", "--motor", 1, "--l", "100,120", "--n", 20000, "--yes")
+SINES = ("log", "sine", "--motor", 1, "--hz", "2.5,3", "--for", 40, "--yes")
 ORDER = "1 2 3 4 30000\n"
 
 Act = Callable[[Bench, Pilot], None]
@@ -319,9 +319,14 @@ def test_the_operator_confirms_before_a_motor_turns(
 @pytest.mark.parametrize(
     "words",
     [
-        *("log sine --l 1,x", "log sine --l 2001", "log sine --n 2000 --l 2,1001", "log sine --l 4,4"),
-        *("log sine --l 4 --amplitude 30001", "log sine --l 4 --n 0", "log sine --motor 1,5", "log sine --amplitude 0"),
-        *("log sine --l 4 --plan thesis-first", "log thrust some-run"),
+        *("log sine --hz 1,x", "log sine --hz 251", "log sine --for 4 --hz 2,0.3", "log sine --hz 4,4"),
+        *(
+            "log sine --hz 4 --amplitude 30001",
+            "log sine --hz 4 --for 0",
+            "log sine --motor 1,5",
+            "log sine --amplitude 0",
+        ),
+        *("log sine --hz 4 --plan thesis-first", "log thrust some-run"),
         *("log thrust --from 3000 --to 2000", "log thrust --hold 0", "log thrust --hold 1e99"),
         *(
             "log thrust --step 100000",
@@ -369,7 +374,7 @@ def test_rig_check_calls_no_vehicle_ok_that_motors_set_refuses(bench: Bench, fau
 @pytest.mark.parametrize(
     ("words", "truth", "told"),
     [
-        (("log", "sine", "--l", 3, "--yes"), {"firmware": "stock"}, "cfid's app"),
+        (("log", "sine", "--hz", 3, "--yes"), {"firmware": "stock"}, "cfid's app"),
         (("log", "speed", "--tachometer", "deck", "--yes"), {}, "no RPM deck"),
     ],
 )
@@ -397,10 +402,12 @@ def test_a_staircase_is_felt_by_the_load_cell(bench: Bench) -> None:
     commands, cell = (pd.read_csv(run.device_file(name)) for name in ("commands", "loadcell"))
     steps = commands[commands.m1 > 0]
     assert steps.m1.tolist() == steps.m3.tolist() == up_and_down
-    at_rest = cell[cell.t < steps.t.iloc[0]].Fz.mean()
-    windows = [cell[(cell.t > begin_s + 0.6) & (cell.t < begin_s + 0.98)] for begin_s in steps.t]
+    means = [
+        [cell[cell.t.between(begin_s + from_s, begin_s + to_s)].Fz.mean() for from_s, to_s in ((-0.1, 0), (0.6, 0.98))]
+        for begin_s in steps.t
+    ]
     thrust_n = [2 * 1.8e-8 * (381 + 0.0408 * step) ** 2 for step in up_and_down]
-    assert [(window.Fz.mean() - at_rest) / 1e6 for window in windows] == pytest.approx(thrust_n, rel=0.1)
+    assert [(running - at_rest) / 1e6 for at_rest, running in means] == pytest.approx(thrust_n, rel=0.1)
 
 
 def move_run(folder: Path) -> None:
@@ -477,7 +484,7 @@ def test_a_staircase_that_ends_in_the_pause_after_its_last_step_is_complete(benc
 
 
 def test_sines_are_played_one_after_the_other_and_resumed(bench: Bench) -> None:
-    words = ("log", "sine", "--l", "5,20,40", "--n", 300, "--yes")
+    words = ("log", "sine", "--hz", "10,40,80", "--for", 0.5, "--yes")
     pilot = bench.start(*words)
     played = lambda: len(list((bench.folder / "runs").glob("*"))) == 2 and any(bench.motors)  # noqa: E731
     pilot.wait_until(played, "the second sine")

@@ -358,7 +358,7 @@ VEHICLES: dict[str, dict[str, Any]] = {
 }
 HOLD = ("motors", "set", 30000, "--yes", "--for")
 STAIRS = ("log", "thrust", "--motor", "1,2,3,4", "--from", 20000, "--to", 30000, "--step", 10000, "--yes")
-SINE = ("log", "sine", "--motor", 1, "--l", 100, "--n", 20000, "--yes")
+SINE = ("log", "sine", "--motor", 1, "--hz", 2.5, "--for", 40, "--yes")
 QUICK = ("--hold", 1, "--rest", 1)
 COMMANDS = pytest.mark.parametrize("words", [(*HOLD, 1), (*STAIRS, *QUICK)], ids=["set", "thrust"])
 THRUST = 25000

@@ -37,7 +37,7 @@ def test_the_thesis_plans_are_table_3_1_as_far_as_it_tells() -> None:
     [
         ("", "20 sines of 12 s: 3:50 min", False, False),
         ("--plan thesis-second --amplitude 15000", "40 sines of 20 s: 13:00 min", True, True),
-        ("--l 4,20,60 --n 2000", "3 sines", False, True),
+        ("--hz 1,5,15 --for 4", "3 sines", False, True),
     ],
 )
 def test_a_plan_states_its_duration_what_of_it_is_made_up_and_that_a_fit_leaves_sines_out(
@@ -52,7 +52,7 @@ def test_a_plan_states_its_duration_what_of_it_is_made_up_and_that_a_fit_leaves_
 
 def test_motors_of_a_list_are_driven_one_after_the_other(tmp_path: Path) -> None:
     with bench_in(tmp_path) as bench:
-        words = ("log", "sine", "--periods", "5", "--samples", 100, "--motor", "3,1")
+        words = ("log", "sine", "--hz", "25", "--for", 0.2, "--motor", "3,1")
         rehearsed = bench.start(*words, "--dry-run")
         assert rehearsed.end() == 0
         assert "2 sines of 4 s on motors 1, 3" in rehearsed.out
@@ -65,7 +65,7 @@ def test_motors_of_a_list_are_driven_one_after_the_other(tmp_path: Path) -> None
 
 def test_the_duration_stands_before_the_question(tmp_path: Path) -> None:
     with bench_in(tmp_path) as bench:
-        pilot = bench.start("log", "sine", "--l", "3,5", "--n", 500)
+        pilot = bench.start("log", "sine", "--hz", "3,5", "--for", 1)
         assert pilot.end() == 2
         assert len(bench.history) == 1
     assert "0:09 min" in pilot.err.partition("?")[0]

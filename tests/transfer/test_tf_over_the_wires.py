@@ -38,7 +38,7 @@ def identified(bench: Bench, *words: object) -> dict[str, Any]:
 
 def test_sines_that_were_logged_are_identified_and_verified(tmp_path: Path) -> None:
     with bench_in(tmp_path, **STILL) as bench:
-        logged(bench, "--l", "4,8,32", "--n", 2000)
+        logged(bench, "--hz", "1,2,8", "--for", 4)
         parameters = identified(bench)
         last = list(open_campaign(tmp_path).runs(kind="sine"))[-1].folder.name
         verified = bench.start("tf", "verify", last, "--no-figures")
@@ -52,7 +52,7 @@ def test_sines_that_were_logged_are_identified_and_verified(tmp_path: Path) -> N
 
 def test_sines_of_all_motors_are_usable_and_identified_by_the_force(tmp_path: Path) -> None:
     with bench_in(tmp_path, **STILL) as bench:
-        logged(bench, "--l", "4,16", "--n", 2000, "--motor", 0)
+        logged(bench, "--hz", "1,4", "--for", 4, "--motor", 0)
         parameters = identified(bench, "--channel", "Fz")
         verdicts = [run.header.verdict for run in open_campaign(tmp_path).runs(kind="sine")]
 

@@ -153,7 +153,15 @@ class AtOnce(MotorStop):
 
 
 BROKEN, NOBODYS = "[vehicle\n", f"[devices.crazyflie]\nuri = '{NOBODY}'\n"
-SINE = ("log", "sine", "--l", 100, "--n", 12000, "--yes")  # of which crossings, log and supervisor name the vehicle
+SINE = (
+    "log",
+    "sine",
+    "--hz",
+    "4.166667",
+    "--for",
+    24,
+    "--yes",
+)  # of which crossings, log and supervisor name the vehicle
 
 
 @pytest.mark.parametrize(
