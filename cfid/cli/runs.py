@@ -1,9 +1,7 @@
 """`cfid runs`: list a campaign's runs, exclude them from fits, and write notes."""
 
-from collections.abc import Mapping, Sequence
 from pathlib import Path
-from textwrap import shorten
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 from rich.box import SIMPLE
@@ -22,14 +20,6 @@ from cfid.records.files import RUN_FILE
 from cfid.records.lab_book import check
 from cfid.records.run import Run, amend_run, list_runs, read_run
 
-if TYPE_CHECKING:
-    from rich.text import Text
-
-    from cfid.errors import DataError
-    from cfid.records.run import Run
-
-_LONGEST_REASON = 60  # characters in the table; `cfid show` prints the whole verdict
-
 RunWord = Annotated[str, typer.Argument(metavar="RUN", help="A run's name or folder, a glob, last, or 'last KIND'.")]
 
 
@@ -37,8 +27,6 @@ def show_runs(
     context: typer.Context,
 ) -> None:
     """List the campaign's runs: what, when, state, rows, losses.
-
-    [bold]cfid show RUN[/bold] prints a verdict in full.
 
     Example: [bold]cfid runs[/bold]
     """
@@ -94,7 +82,7 @@ def _amend(word: str, *, message: str, excluded: str | None = None, note: str | 
         echo(printable(f"{run.folder.name}: {message}"))
 
 
-def _meant(word: str) -> "list[Run]":
+def _meant(word: str) -> list[Run]:
     """Return the runs that a word names, for a name or a pattern in any state.
 
     Raises ConfigError when no run matches, and DataError for an unreadable run.
@@ -116,7 +104,7 @@ def _meant(word: str) -> "list[Run]":
     raise ConfigError(f"{word}: no run of this campaign matches: `cfid runs` lists them.")
 
 
-def _print_runs(runs: "list[Run | DataError]") -> None:
+def _print_runs(runs: list[Run | DataError]) -> None:
     rows = [(_row(run), run) for run in runs if not isinstance(run, DataError)]
     words = lasts([run for _, run in rows])
     broken = [str(run) for run in runs if isinstance(run, DataError)]
@@ -134,23 +122,15 @@ def _print_runs(runs: "list[Run | DataError]") -> None:
         table.add_column(heading, justify="left" if heading == "state" else "right", no_wrap=True)
     table.add_column("note", overflow="fold")
     for row, run in rows:
-        table.add_row(*_cells(row, run, words.get(run.folder.name, [])))
+        note = "; ".join(filter(None, [", ".join(words.get(run.folder.name, [])), row["note"]]))
+        cells = (row["run"], run.outcome, row["rows"], row["lost"], note)
+        table.add_row(*(Text(printable(str(cell))) for cell in cells))
     print_table(table)
     for sentence in broken:
         print_note(sentence)
 
 
-def _cells(row: Mapping[str, Any], run: "Run", words: "Sequence[str]") -> "list[Text]":
-    """Return the cells of a run; a complete but unusable run is called unusable, and long reasons are shortened.
-
-    `words` are those that mean the run, such as `last`; they begin its note.
-    """
-    note = "; ".join(filter(None, [", ".join(words), _note(run, whole=False)]))
-    cells = (row["run"], run.outcome, row["rows"], row["lost"], note)
-    return [Text(printable(str(cell))) for cell in cells]
-
-
-def _row(run: "Run") -> dict[str, Any]:
+def _row(run: Run) -> dict[str, Any]:
     header, devices = run.header, run.header.devices.values()
     return {
         "run": run.folder.name,
@@ -163,21 +143,16 @@ def _row(run: "Run") -> dict[str, Any]:
         "skipped": sum(device.skipped or 0 for device in devices),
         "simulated": header.simulated,
         "excluded": header.excluded,
-        "note": _note(run, whole=True),
+        "note": _note(run),
     }
 
 
-def _note(run: "Run", *, whole: bool) -> str:
-    """Return remarks on a run; reasons that cfid wrote are in full if `whole`, else shortened."""
+def _note(run: Run) -> str:
     header, verdict = run.header, run.header.verdict
     excluded = f"excluded: {header.excluded}" if header.excluded else ""
     slow = [f"{name}: {device.achieved}" for name, device in header.devices.items() if device.achieved]
-    unusable = "" if verdict is None or verdict.usable else verdict.text
+    unusable = "" if verdict is None or verdict.usable else f"not usable: {verdict.text}"
     reason = "" if unusable and header.state == "failed" else header.reason  # the verdict contains it already
-    if not whole:
-        unusable, reason = (shorten(text, _LONGEST_REASON, placeholder=" ...") for text in (unusable, reason))
-    elif unusable:
-        unusable = f"not usable: {unusable}"
     return "; ".join(
         filter(None, ["simulated" * header.simulated, excluded, *slow, unusable, header.label.note, reason])
     )
