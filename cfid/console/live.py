@@ -1,7 +1,6 @@
 """The status line on the terminal during a recording, and the messages above it."""
 
 import os
-import re
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
@@ -66,8 +65,8 @@ class LiveLine:
             printable(part) for part in line_of(recorder, task=self._task, question=self._question, left=self._left())
         ]
         columns = self._columns()
-        if self._question and len(parts[0]) > columns:
-            parts = [asking(printable(self._question), columns)]
+        if self._question and len(parts[0]) > columns:  # its end, where the answer appears as the operator types it
+            parts = [f"…{parts[0][1 - columns :]}"]
         self._replace(fitting(parts, columns))
 
     def say(self, text: str) -> None:
@@ -105,25 +104,13 @@ class LiveLine:
 
 
 def fitting(parts: Sequence[str], columns: int) -> str:
-    """Return as many whole parts as fit on a line; the last may lose its parentheses in order to fit."""
-    line = ""
-    for part in parts:
-        longer = f"{line}  {part}" if line else part
-        if len(longer) > columns:
-            shorter = longer.rpartition(" (")[0]
-            return shorter if len(line) < len(shorter) <= columns else line or longer[:columns]
-        line = longer
+    """Return as many whole parts as fit on a line, at least a beginning of the first."""
+    line = parts[0][:columns]
+    for part in parts[1:]:
+        if len(line) + len(part) + 2 > columns:
+            break
+        line = f"{line}  {part}"
     return line
-
-
-def asking(question: str, columns: int) -> str:
-    """Return a question for a narrow line: in full, else without its parentheses, else only its end.
-
-    The end is kept because the answer appears there as the operator types it.
-    """
-    short = re.sub(r" \([^)]*\)", "", question)
-    fits = (text for text in (question, short) if len(text) <= columns)
-    return next(fits, f"…{short[1 - columns :]}")
 
 
 def line_of(recorder: "Recorder", *, task: str = "", question: str = "", left: str = "") -> list[str]:
