@@ -71,20 +71,18 @@ def _named(sections: "Mapping[str, Section]", names: Sequence[str]) -> "dict[str
 
     Prints a note on each name that matches no parameter. Raises ConfigError where none of the names matches any.
     """
-
-    def has(key: str, name: str) -> bool:
-        return name.casefold() in key.casefold()
-
-    kept = {
-        section: [key for key in own.parameters if any(has(key, name) for name in names)]
-        for section, own in sections.items()
-    }
-    if not any(kept.values()):
+    keys = {key: key.casefold() for section in sections.values() for key in section.parameters}
+    unmatched = [name for name in names if not any(name.casefold() in key for key in keys.values())]
+    if len(unmatched) == len(names):
         raise ConfigError(f"{', '.join(names)}: no parameter has this in its name; `cfid parameters` lists all.")
-    for name in names:
-        if not any(has(key, name) for own in kept.values() for key in own):
-            note(f"{name}: no parameter has this in its name; `cfid parameters` lists all.")
-    return {section: part_of(sections[section], keys) for section, keys in kept.items() if keys}
+    for name in unmatched:
+        note(f"{name}: no parameter has this in its name; `cfid parameters` lists all.")
+    matched = {key for key, folded in keys.items() if any(name.casefold() in folded for name in names)}
+    kept = {
+        name: part_of(section, [key for key in section.parameters if key in matched])
+        for name, section in sections.items()
+    }
+    return {name: section for name, section in kept.items() if section.parameters}
 
 
 def _print_candidates(values: "Values", key: str) -> None:
@@ -141,41 +139,35 @@ def set_by_hand(
 
     Example: [bold]cfid set mass_kg 0.0280:0.0001[/bold]
     """
-    if name == _CUBIC:
-        _store_cubic(here(), _numbers(value, name))
-        return
-    word, colon, spread = value.partition(":")
-    number, std = _number(word, name), _number(spread, name) if colon else None
+    campaign = here()
+    words, colon, spread = value.partition(":")
+    numbers = _numbers(words, name)
+    if "," in spread or (len(numbers) > 1 and (colon or name != _CUBIC)):
+        raise ConfigError(f"{name}: '{value}' is not a number, alone or with its standard uncertainty.")
+    std = _numbers(spread, name)[0] if colon else None
     if std is not None and std <= 0:
         raise ConfigError(
             f"{name}: a standard uncertainty of {std:g} is not above zero, and nothing measured is exact: state it, or "
             "leave it out where it is unknown."
         )
-    campaign = here()
-    _check(name, number, std, platform="other" if force else campaign.rig.vehicle.platform)
-    into = _into_rig if name in _IN_RIG else _into_parameters
-    where = into(campaign, name, number, std)
-    echo(f"{name} is {number:g}{f' +- {std:g}' if std is not None else ''}: {where}")
-
-
-def _number(word: str, name: str) -> float:
-    try:
-        return float(word)
-    except ValueError:
-        raise ConfigError(f"{name}: '{word}' is not a number.") from None
+    if name == _CUBIC:
+        most = campaign.values().find(_MOST)
+        if fault := cubic_fault(numbers, max_thrust_n=None if most is None else most.parameter.value):
+            raise ConfigError(f"{fault} Nothing was changed.")
+        where = _into_parameters(campaign, name, numbers, None)
+    else:
+        _check(name, numbers[0], std, platform="other" if force else campaign.rig.vehicle.platform)
+        into = _into_rig if name in _IN_RIG else _into_parameters
+        where = into(campaign, name, numbers[0], std)
+    stated = ", ".join(f"{number:g}" for number in numbers)
+    echo(f"{name} is {stated}{f' +- {std:g}' if std is not None else ''}: {where}")
 
 
 def _numbers(words: str, name: str) -> list[float]:
-    return [_number(word, name) for word in words.split(",")]
-
-
-def _store_cubic(campaign: "Campaign", lowest_first: list[float]) -> None:
-    most = campaign.values().find(_MOST)
-    most_n = None if most is None else most.parameter.value
-    if fault := cubic_fault(lowest_first, max_thrust_n=most_n):
-        raise ConfigError(f"{fault} Nothing was changed.")
-    where = _into_parameters(campaign, _CUBIC, lowest_first, None)
-    echo(f"{_CUBIC} is {', '.join(f'{number:g}' for number in lowest_first)}: {where}")
+    try:
+        return [float(word) for word in words.split(",")]
+    except ValueError:
+        raise ConfigError(f"{name}: '{words}' is not a number.") from None
 
 
 def _check(name: str, value: float, std: float | None, *, platform: "Platform") -> None:
