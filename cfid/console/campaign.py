@@ -1,15 +1,16 @@
 """Create a campaign folder, and find the campaign that a command works in."""
 
+from contextlib import suppress
 from pathlib import Path
 from secrets import randbelow
 from typing import TYPE_CHECKING
 
+from cfid.console.messages import note
 from cfid.console.program import program
-from cfid.errors import ConfigError
+from cfid.errors import ConfigError, DataError
 
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
-
 
 _SEEDS = 10**6
 
@@ -45,41 +46,26 @@ def here() -> "Campaign":
     return open_campaign(program().campaign)
 
 
-def write_parameters(campaign: "Campaign") -> None:
+def write_parameters(campaign: "Campaign") -> int:
     """Write parameters.toml from the fits, with a note on what it was; in a folder that is read-only, it stays.
 
-    Fits that cannot be read are named, since their values are missing then.
+    Fits that cannot be read are named, since their values are missing then; returns how many there are.
     """
-    from contextlib import suppress
-
-    from cfid.console.messages import note
-
-    note_unreadable_fits(campaign)
+    unreadable = note_unreadable_fits(campaign)
     with suppress(ConfigError):
         if was := campaign.write_parameters():
             note(
                 f"{campaign.parameters_file.name} {was}: it is written anew from the fits, and no command reads it. "
                 "`cfid set` stores a number."
             )
+    return unreadable
 
 
 def note_unreadable_fits(campaign: "Campaign") -> int:
     """Print a note on each kept fit that cannot be read, and return how many there are."""
-    from cfid.console.messages import note
-    from cfid.errors import DataError
     from cfid.records.fits import list_fits
 
     faults = [fault for fault in list_fits(campaign.fits_folder) if isinstance(fault, DataError)]
     for fault in faults:
         note(f"{fault} Its values do not count.")
     return len(faults)
-
-
-def note_earlier_parameters(campaign: "Campaign") -> None:
-    """Print a note where parameters.toml was not written from the fits, as that of version 0.2."""
-    from cfid.console.messages import note
-    from cfid.records.parameters_file import is_as_written
-
-    path = campaign.parameters_file
-    if path.is_file() and not is_as_written(path.read_text(encoding="utf-8", errors="replace")):
-        note(f"{path.name} is not as it was written: `cfid parameters` names what it has and no kept fit gives.")

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from cfid.console.campaign import here, note_earlier_parameters, note_unreadable_fits
+from cfid.console.campaign import here, write_parameters
 from cfid.console.messages import echo, headline, in_options, note, print_json
 from cfid.console.program import program
 from cfid.errors import ConfigError, DataError
@@ -92,8 +92,7 @@ def export(
 
 def _collected(campaign: Campaign) -> tuple[ExportVehicle, Values]:
     """Return a campaign's vehicle and values. Raises DataError if a kept fit cannot be read."""
-    note_earlier_parameters(campaign)
-    if note_unreadable_fits(campaign):
+    if write_parameters(campaign):
         raise DataError("an export needs all kept fits: restore those that cannot be read, or move them out of fits/.")
     simulated = {run.folder.name for run in campaign.runs(complete=False) if run.header.simulated}
     values = campaign.values()
