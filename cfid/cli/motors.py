@@ -83,7 +83,7 @@ def stop(*, uri: Uri = None) -> None:
     """
     from cfid.errors import DeviceError
     from cfid.rig.hardware import present
-    from cfid.rig.lock import vehicles_held
+    from cfid.rig.lock import resolved, vehicles_held
 
     setting = _setting(uri)
     failed: list[DeviceError] = []
@@ -92,8 +92,9 @@ def stop(*, uri: Uri = None) -> None:
             _stop(vehicle, setting)
         except DeviceError as error:
             failed.append(error)
-    for other in _held_beside(setting.uri):
-        note(f"{other}: another cfid holds this vehicle, and it was not stopped: cfid motors stop --uri {other}")
+    for other in vehicles_held():
+        if setting.uri is not None and other != resolved(setting.uri):
+            note(f"{other}: another cfid holds this vehicle, and it was not stopped: cfid motors stop --uri {other}")
     if failed:
         raise type(failed[0])("\n".join(map(str, failed)))
 
@@ -113,19 +114,12 @@ def recover(*, uri: Uri = None) -> None:
     result(f"{vehicle}: motors stopped; the vehicle {'reports no state' if state is None else f'is {state.name}'}.")
 
 
-def _held_beside(uri: str | None) -> list[str]:
-    """Return the vehicles that programs on this computer hold, except the vehicle that the command names."""
-    from cfid.rig.lock import resolved, vehicles_held
-
-    return [] if uri is None else [other for other in vehicles_held() if other != resolved(uri)]
-
-
 def _stop(uri: str, setting: "CrazyflieLink") -> None:
     from cfid.rig.emergency import stop_vehicle
     from cfid.rig.hardware import present
 
     stopped = stop_vehicle(uri, _ports(setting), present(), say=note)
-    result(stopped_line(uri, stopped.after_s))
+    result(f"{uri}: {stop_line(stopped.after_s)}")
     if stopped.state is not None and stopped.state.remedy:
         note(f"{uri}: the vehicle is {stopped.state.name}: {stopped.state.remedy}.")
 
@@ -155,7 +149,7 @@ def _drive(vehicle: "ReadyVehicle", live: LiveLine, procedure: "Procedure") -> N
 
     def stopped(seconds: float) -> None:
         live.end()
-        result(stopped_line(vehicle.uri, seconds))
+        result(f"{vehicle.uri}: {stop_line(seconds)}")
 
     try:
         drive(
@@ -163,8 +157,3 @@ def _drive(vehicle: "ReadyVehicle", live: LiveLine, procedure: "Procedure") -> N
         )
     finally:
         live.end()
-
-
-def stopped_line(uri: str, seconds: float) -> str:
-    """Return a line about a stop that took `seconds`."""
-    return f"{uri}: {stop_line(seconds)}"
