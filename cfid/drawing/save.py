@@ -10,8 +10,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from cfid.drawing.style import styled
-from cfid.errors import ConfigError
-from cfid.records.files import check_regular, refuse_kept, write_whole
+from cfid.records.files import check_regular, write_files
 from cfid.version import __version__
 
 PNG_DPI = 150
@@ -40,21 +39,7 @@ def save_figure(figure: Figure, stem: Path, *, force: bool = False) -> list[Path
             content = io.BytesIO()
             figure.savefig(content, format=kind, dpi=PNG_DPI, metadata=metadata)
             contents[stem.with_name(f"{stem.name}.{kind}")] = content.getvalue()
-    try:
-        for path in contents:
-            if path.exists() and _made_by_cfid(path):
-                continue
-            refuse_kept(path)
-            if path.exists() and not force:
-                raise ConfigError(
-                    f"{path}: exists already and cfid did not draw it. "
-                    "Use `force` to replace it, or `out` to write elsewhere."
-                )
-        stem.parent.mkdir(parents=True, exist_ok=True)
-        for path, drawn in contents.items():
-            write_whole(path, drawn)
-    except OSError as error:
-        raise ConfigError(f"{stem}.png: no figure can be written there: {error.strerror}.") from None
+    write_files(contents, force=force, is_own=_made_by_cfid)
     return list(contents)
 
 

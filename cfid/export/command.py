@@ -1,6 +1,6 @@
 """`cfid export`: export a campaign's parameters to the files of firmware and simulators."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,7 +15,7 @@ from cfid.export.samples import EVERYTHING, LISTS, counts_text, draw
 from cfid.export.target import FOLDER, Target, given_by, need_keys, need_text, refuse, target_named, targets, warnings
 from cfid.export.vehicle import ExportVehicle, collect
 from cfid.records.campaign import Campaign
-from cfid.records.files import refuse_kept, write_whole
+from cfid.records.files import write_files
 from cfid.records.values import Values
 from cfid.version import __version__
 
@@ -80,7 +80,7 @@ def export(
     notes += [f"not measured, and left out or marked: {need_text(use)}." for use in wanted.not_measured(vehicle)]
     if out != "-":
         path = Path(out) if out else opened.folder / FOLDER / wanted.file_name
-        _write({path: text.encode()}, force=force)
+        write_files({path: text.encode()}, force=force)
         _print_written(target, [path], notes)
     elif program().json:
         raise ConfigError("stdout has either the file or a JSON object: `out` names a file, or leave `json` out.")
@@ -97,22 +97,6 @@ def _collected(campaign: Campaign) -> tuple[ExportVehicle, Values]:
     simulated = {run.folder.name for run in campaign.runs(complete=False) if run.header.simulated}
     values = campaign.values()
     return collect(campaign.rig, values, campaign=campaign.folder.resolve().name, simulated=simulated), values
-
-
-def _write(contents: Mapping[Path, bytes], *, force: bool) -> None:
-    """Write files, all of them or, if one exists or cannot be replaced, none."""
-    try:
-        for path in contents:
-            if (path.exists() or path.is_symlink()) and not force:
-                raise ConfigError(
-                    f"{path} exists already: nothing was changed. --force overwrites it, --out names another."
-                )
-            refuse_kept(path)
-        for path, content in contents.items():
-            path.parent.mkdir(parents=True, exist_ok=True)
-            write_whole(path, content)
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be written: {error.strerror}.") from None
 
 
 def _print_written(target: str, paths: Sequence[Path], notes: Sequence[str], **facts: Any) -> None:
@@ -132,7 +116,7 @@ def _write_samples(vehicle: ExportVehicle, values: Values, folder: Path, *, coun
     samples = draw(vehicle, values, count=count, seed=seed)
     marks = warnings(EVERYTHING, vehicle)
     files = {folder / name: content for name, content in samples.files(vehicle, seed, marks).items()}
-    _write(files, force=force)
+    write_files(files, force=force)
     reasons = f": {counts_text(samples.reasons)}" if samples.reasons else ""
     notes = [f"{100 * samples.rejected_share:.1f} % of {samples.draws} draws rejected{reasons}."]
     if samples.joint.exact:

@@ -5,7 +5,6 @@ The models are also the file's schema: `VehicleFile.model_json_schema()`.
 
 import contextlib
 import json
-from collections.abc import Callable, Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, RootModel
@@ -173,19 +172,18 @@ def _entry(quantity: ExportQuantity, v: Derived) -> dict[str, Value]:
 def _at_hovering(v: Derived) -> dict[str, Value]:
     """Return derived quantities at hovering, as far as the known quantities make sense."""
     square = "motor.thrust_per_speed_squared_n_s2"
-    derived: Mapping[str, tuple[str, Callable[[], Value]]] = {
-        "thrust_of_a_motor_n": ("mass_kg", lambda: v.hover_thrust_n),
-        "command": ("motor.thrust_poly", lambda: v.hover_command),
-        "rotor_speed_rad_s": (square, lambda: v.hover_speed_rad_s),
-        "moment_per_thrust_m": ("motor.torque_poly", lambda: v.moment_per_thrust_m),
-        "drag_n_s_per_m": (f"drag+{square}", lambda: v.drag_n_s_per_m),
-        "lags_rising_and_falling_s": (
-            f"dynamics.rising+dynamics.falling+{square}|tf.time_constant_s",
-            lambda: v.lags_s,
-        ),
-    }
-    found: dict[str, Value] = {name: None for name, (need, _) in derived.items() if v.has(need)}
-    for name in found:
-        with contextlib.suppress(DataError):  # no number is better than a wrong one; other exports state the reason
-            found[name] = derived[name][1]()
-    return found
+    lags = f"dynamics.rising+dynamics.falling+{square}|tf.time_constant_s"
+    values: dict[str, Value] = {}
+    for name, need, derived in (
+        ("thrust_of_a_motor_n", "mass_kg", "hover_thrust_n"),
+        ("command", "motor.thrust_poly", "hover_command"),
+        ("rotor_speed_rad_s", square, "hover_speed_rad_s"),
+        ("moment_per_thrust_m", "motor.torque_poly", "moment_per_thrust_m"),
+        ("drag_n_s_per_m", f"drag+{square}", "drag_n_s_per_m"),
+        ("lags_rising_and_falling_s", lags, "lags_s"),
+    ):
+        if v.has(need):
+            values[name] = None
+            with contextlib.suppress(DataError):  # no number is better than a wrong one; other exports state the reason
+                values[name] = getattr(v, derived)
+    return values

@@ -23,7 +23,7 @@ from cfid.fleet.campaigns import campaign_folders, workers
 from cfid.fleet.comparison import ComparedNumber, Summary, compare, distinct, summarise
 from cfid.fleet.refit import changes_of, refits, refitted
 from cfid.quantities.rounding import value_and_std
-from cfid.records.files import refuse_kept, write_new
+from cfid.records.files import write_files
 
 _SUFFIXES = (".csv", ".parquet", ".html")
 _FOLDERS_FOR_A_PROCESS = 16  # reading fewer folders takes less time than starting a process
@@ -219,21 +219,16 @@ def _write(path: Path, numbers: Sequence[ComparedNumber]) -> None:
     ]
     frame = DataFrame(texts).astype(dict.fromkeys(_STATISTICS if rows else (), float))  # even if no value is known
     content = BytesIO()
-    try:
-        if path.suffix == ".csv":
-            frame.to_csv(content, index=False)
-        elif path.suffix == ".html":
-            content.write(frame.to_html(index=False, border=0, na_rep="", float_format="{:.6g}".format).encode())
-        else:
+    if path.suffix == ".csv":
+        frame.to_csv(content, index=False)
+    elif path.suffix == ".html":
+        content.write(frame.to_html(index=False, border=0, na_rep="", float_format="{:.6g}".format).encode())
+    else:
+        try:
             frame.to_parquet(content, index=False)
-        refuse_kept(path)
-        write_new(path, content.getvalue())
-    except ImportError:
-        raise ConfigError(f"{path}: Parquet needs pyarrow: pip install 'cfid[parquet]'.") from None
-    except FileExistsError:
-        raise ConfigError(f"{path} exists already: nothing was changed. Name another file.") from None
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be written: {error.strerror}.") from None
+        except ImportError:
+            raise ConfigError(f"{path}: Parquet needs pyarrow: pip install 'cfid[parquet]'.") from None
+    write_files({path: content.getvalue()})
 
 
 def _print_json(numbers: Sequence[ComparedNumber], summaries: Sequence[Summary]) -> None:

@@ -7,7 +7,7 @@ import os
 import secrets
 import stat
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from io import FileIO
 from pathlib import Path
 from typing import Any
@@ -123,6 +123,30 @@ def refuse_kept(path: Path) -> None:
         raise ConfigError(f"{path}: nothing replaces what a campaign keeps of its runs and fits. Name another file.")
     if of_fits:
         raise ConfigError(f"{path}: that folder takes the campaign's fits alone. Name another.")
+
+
+def write_files(
+    contents: Mapping[Path, bytes], *, force: bool = False, is_own: Callable[[Path], bool] = lambda _: False
+) -> None:
+    """Write files whole, or none of them where one exists that is not cfid's `own` and `force` is not set.
+
+    Raises ConfigError, also for a file that a campaign keeps, and where one cannot be written.
+    """
+    try:
+        for path in contents:
+            if path.exists() and is_own(path):
+                continue
+            refuse_kept(path)
+            if (path.exists() or path.is_symlink()) and not force:
+                raise ConfigError(
+                    f"{path}: exists already, and is not an unchanged one of cfid. Nothing was written: use `force` to "
+                    "replace it, or `out` to write elsewhere."
+                )
+        for path, content in contents.items():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_whole(path, content)
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written: {error.strerror}. Use `out` to write elsewhere.") from None
 
 
 def lies_in(folder: Path, path: Path) -> bool:

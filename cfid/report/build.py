@@ -47,7 +47,7 @@ def build(campaign: Campaign, *, now: datetime, kind: CampaignKind | None = None
     fits = [fit for fit in values.fits if fit.section.parameters and fit.name != BY_HAND]
     measurements = measurements_of(fits, values.in_force)
     experiments = experiments_of(measurements, values, campaign.folder)
-    repeats = [repeats_of(name, several) for name, several in measurements.items() if len(several) > 1]
+    repeats = [repeats_of(name, list(several)) for name, several in measurements.items() if len(several) > 1]
     content: Any = plain(
         {
             "format": FORMAT,

@@ -47,14 +47,8 @@ def frame_text(frame: BodyFrame) -> str:
 def _comparison(values: Values, name: str, table: Table) -> dict[str, Any]:
     yours = _yours(values, name, table)
     rejected = dict.fromkeys(source.fit.name for source in yours.sources if source is not None and not source.accepted)
-    own = {
-        "who": "this campaign",
-        "vehicle": values.rig.vehicle.name,
-        "values": list(yours.values),
-        "frame": yours.frame,
-        "source": "",
-        "note": f"REJECTED by its fit, and kept nevertheless ({', '.join(rejected)})" if rejected else "",
-    }
+    note = f"REJECTED by its fit, and kept nevertheless ({', '.join(rejected)})" if rejected else ""
+    own = _line("this campaign", values.rig.vehicle.name, yours.values, frame=yours.frame, note=note)
     return {
         "title": table.title,
         "about": table.about,
@@ -74,14 +68,12 @@ def _published(row: Row, *, is_inertia: bool) -> dict[str, Any]:
     frame = (
         "" if not is_inertia else "x forward" if row.frame == BodyFrame() else f"turned from {frame_text(row.frame)}"
     )
-    return {
-        "who": row.who,
-        "vehicle": row.vehicle,
-        "values": values,
-        "frame": frame,
-        "source": row.source,
-        "note": row.note,
-    }
+    return _line(row.who, row.vehicle, values, frame=frame, source=row.source, note=row.note)
+
+
+def _line(who: str, vehicle: str, values: Sequence[float | None], **texts: str) -> dict[str, Any]:
+    """Return one line of a comparison; `texts` are its frame, source and note."""
+    return {"who": who, "vehicle": vehicle, "values": list(values), "frame": "", "source": "", "note": "", **texts}
 
 
 def _yours(values: Values, name: str, table: Table) -> _Yours:

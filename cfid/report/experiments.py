@@ -14,7 +14,6 @@ from cfid.records.fits import Fit
 from cfid.records.parameters import Section, plain
 from cfid.records.uncertain import OWN_FIT, number_of, parts_of
 from cfid.records.values import Values
-from cfid.report.repeats import Measurement
 from cfid.report.sheet import number_rows
 
 _KINDS = list(EXPERIMENTS)
@@ -27,9 +26,7 @@ _TITLES = {
 }
 
 
-def experiments_of(
-    measurements: Mapping[str, Sequence[Measurement]], values: Values, folder: Path
-) -> list[dict[str, Any]]:
+def experiments_of(measurements: Mapping[str, Mapping[Fit, int]], values: Values, folder: Path) -> list[dict[str, Any]]:
     """Return all measurements in the order of the thesis' chapters, of each kind that in force first, then the latest.
 
     Paths are relative to `folder`, the campaign's; figures outside of it are left out with a note.
@@ -39,7 +36,9 @@ def experiments_of(
     experiments = []
     for kind in sorted(measurements, key=_place):
         held = values.in_force[kind]
-        latest_first = sorted(measurements[kind], key=lambda each: (each.fit is held, each.fit.order), reverse=True)
+        latest_first = sorted(
+            measurements[kind].items(), key=lambda each: (each[0] is held, each[0].order), reverse=True
+        )
         experiments += [_experiment(each, held, drawn_by, values, folder) for each in latest_first]
     return experiments
 
@@ -61,9 +60,9 @@ def _place(name: str) -> int:
 
 
 def _experiment(
-    measurement: Measurement, held: Fit, drawn_by: Mapping[str, Fit], values: Values, folder: Path
+    measurement: tuple[Fit, int], held: Fit, drawn_by: Mapping[str, Fit], values: Values, folder: Path
 ) -> dict[str, Any]:
-    fit, section = measurement.fit, measurement.fit.section
+    (fit, replaced), section = measurement, measurement[0].section
     other = "" if fit is held else ", earlier" if fit.order < held.order else ", not in force"
     own = [figure for figure in fit.figures if drawn_by.get(figure) is fit]
     inside = [figure for figure in own if lies_in(folder, folder / figure)]
@@ -84,7 +83,7 @@ def _experiment(
         "tables": list(_tables(fit)),
         "lines": list(fit.lines),
         "figures": inside,
-        "notes": list(_notes(measurement.replaced, len(stems_of(fit.figures)) - len(stems_of(own)), outside)),
+        "notes": list(_notes(replaced, len(stems_of(fit.figures)) - len(stems_of(own)), outside)),
         "sources": [asdict(source) for source in section.sources],
     }
 

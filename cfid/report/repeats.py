@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,14 +16,6 @@ from cfid.records.parameters import Section
 _OWN = 1e-3  # of a standard uncertainty: at least this remains without common causes, since inputs are rounded
 
 
-@dataclass(frozen=True)
-class Measurement:
-    """The valid fit of a measurement, and the number of other fits of the same recordings, which it replaces."""
-
-    fit: Fit
-    replaced: int
-
-
 class Reading(NamedTuple):
     """One measured value of a quantity; `counts` is False if it was rejected or has no standard uncertainty.
 
@@ -37,8 +28,8 @@ class Reading(NamedTuple):
     effects: Mapping[str, float] = {}
 
 
-def measurements_of(fits: Iterable[Fit], in_force: Mapping[str, Fit]) -> dict[str, list[Measurement]]:
-    """Return the measurements of each kind of fit by the name of the kind, the oldest first.
+def measurements_of(fits: Iterable[Fit], in_force: Mapping[str, Fit]) -> dict[str, dict[Fit, int]]:
+    """Return the valid fits of each kind's measurements, the oldest first, with how many other fits each replaces.
 
     Fits of one kind that share all source hashes are one measurement, of which the latest fit counts, or that in force.
     """
@@ -46,19 +37,21 @@ def measurements_of(fits: Iterable[Fit], in_force: Mapping[str, Fit]) -> dict[st
     for fit in sorted(fits, key=lambda fit: fit.order):
         # A fit of numbers alone has no sources, and is a measurement by itself.
         same.setdefault((fit.name, fit.hashes or id(fit)), []).append(fit)
-    measurements: dict[str, list[Measurement]] = {}
+    measurements: dict[str, dict[Fit, int]] = {}
     for (name, _), group in same.items():
         valid = next((fit for fit in group if fit is in_force.get(name)), group[-1])
-        measurements.setdefault(name, []).append(Measurement(valid, len(group) - 1))
-    return {name: sorted(group, key=lambda measurement: measurement.fit.order) for name, group in measurements.items()}
+        measurements.setdefault(name, {})[valid] = len(group) - 1
+    return {
+        name: {fit: found[fit] for fit in sorted(found, key=lambda fit: fit.order)}
+        for name, found in measurements.items()
+    }
 
 
-def repeats_of(name: str, measurements: Sequence[Measurement]) -> dict[str, Any] | None:
+def repeats_of(name: str, fits: Sequence[Fit]) -> dict[str, Any] | None:
     """Return all quantities of one kind of fit, each from several recordings, None where no quantity is repeated.
 
     `shared` is a sentence on recordings that fits share, which weakens the test; "" if they share none.
     """
-    fits = [measurement.fit for measurement in measurements]
     readings: dict[tuple[str, str], list[Reading | None]] = {}
     for place, fit in enumerate(fits):
         section = fit.section

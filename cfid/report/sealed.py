@@ -8,8 +8,7 @@ import hashlib
 import re
 from pathlib import Path
 
-from cfid.errors import ConfigError
-from cfid.records.files import check_regular, refuse_kept, write_whole
+from cfid.records.files import check_regular, write_files
 from cfid.version import __version__
 
 _LARGEST = 1 << 28  # bytes; no report is as large as this
@@ -24,29 +23,10 @@ def write_report(path: Path, text: str, *, force: bool = False) -> None:
     Raises ConfigError when a file of that name is not an unchanged report of cfid and `force` is not set, or when the
     folder cannot be written.
     """
-    content = _sealed(text.encode("utf-8", "replace"))
-    try:
-        if path.is_symlink() and not path.exists() and not force:
-            raise ConfigError(f"{path}: is a link to a file that does not exist. Use `force` to make that file.")
-        ours = path.exists() and _is_ours(path)
-        if not ours:
-            refuse_kept(path)
-        if path.exists() and not ours and not force:
-            raise ConfigError(
-                f"{path}: exists already, and is not an unchanged report of cfid. Use `force` to replace it, or "
-                "`out` to write elsewhere."
-            )
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(path, content)
-    except OSError as error:
-        raise ConfigError(
-            f"{path}: no report can be written there: {error.strerror}. Use `out` for another file."
-        ) from None
-
-
-def _sealed(content: bytes) -> bytes:
-    found = hashlib.sha256(content).hexdigest()
-    return _MARK.sub(lambda mark: mark[1] + found.encode(), content, count=1)
+    content = text.encode("utf-8", "replace")
+    digest = hashlib.sha256(content).hexdigest().encode()
+    sealed = _MARK.sub(lambda mark: mark[1] + digest, content, count=1)
+    write_files({path: sealed}, force=force, is_own=_is_ours)
 
 
 def _is_ours(path: Path) -> bool:

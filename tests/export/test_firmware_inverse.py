@@ -13,7 +13,7 @@ import pytest
 
 from cfid.errors import DataError
 from cfid.estimate.voltage_cubic import cubic_fault, least_thrust_n
-from cfid.export.feasibility import impossible
+from cfid.export.samples import impossible
 from cfid.motors.maps.estimation import compare_thrust
 from cfid.motors.points import frame
 from cfid.records.covariances import numbers_of

@@ -14,10 +14,9 @@ from cfid.errors import DataError
 from cfid.export.derived import Derived, Motor
 from cfid.export.render import rendered
 from cfid.export.target import Target, target_named
-from cfid.quantities.registry import QUANTITIES
 from tests.export.reading import TARGETS
-from tests.export.thesis_vehicle import section, sections, vehicle
-from tests.lab import ROOT, Cfid, keep, keep_instead, new_campaign
+from tests.export.thesis_vehicle import vehicle
+from tests.lab import ROOT, Cfid
 
 HEAD = """{#
 about = "Robot of our own"
@@ -28,17 +27,8 @@ uses = ["drag"]
 """
 
 
-@pytest.fixture
-def campaign(tmp_path: Path) -> Path:
-    """A campaign with the thesis' numbers, in the folder where `cfid` runs."""
-    new_campaign(tmp_path)
-    for name, fit in sections().items():
-        keep(tmp_path, name, fit)
-    (tmp_path / "exports").mkdir()
-    return tmp_path
-
-
 def write(campaign: Path, body: str, head: str = HEAD) -> None:
+    (campaign / "exports").mkdir(exist_ok=True)
     (campaign / "exports" / "mine.j2").write_text(head + body)
 
 
@@ -61,6 +51,7 @@ def test_a_template_in_the_campaign_is_exported_by_its_name_in_the_targets_axes(
 
 def test_the_template_of_the_how_to_is_exported(cfid: Cfid, campaign: Path) -> None:
     page = (ROOT / "docs/how-to/add-an-export.md").read_text()
+    (campaign / "exports").mkdir()
     (campaign / "exports" / "mine.j2").write_text(
         textwrap.dedent(page[page.index("        {#") : page.index("    `needs`")])
     )
@@ -73,15 +64,6 @@ def test_the_template_of_the_how_to_is_exported(cfid: Cfid, campaign: Path) -> N
     assert json.loads(robot["motor1"]) == pytest.approx([0.0325269, -0.0325269, 0], rel=1e-5)
 
 
-def test_it_refuses_as_other_targets_do(cfid: Cfid, campaign: Path) -> None:
-    write(campaign, "mass: 1\n")
-    keep_instead(campaign, "inertia", section(sections()["inertia"].parameters, rejected="too little."))
-    refused = cfid("export", "mine")
-    assert (refused.returncode, (campaign / "exports" / "robot.yaml").exists()) == (4, False)
-    assert cfid("export", "mine", "--force").returncode == 0
-    assert "REJECTED: inertia.matrix_kg_m2." in (campaign / "exports" / "robot.yaml").read_text()
-
-
 def test_it_reads_no_quantity_that_its_head_does_not_state_since_that_was_not_judged(campaign: Path) -> None:
     for body in ('{{ v["motor.max_thrust_n"] }}', "{{ v.moment_per_thrust_m }}"):
         write(campaign, body)
@@ -89,29 +71,13 @@ def test_it_reads_no_quantity_that_its_head_does_not_state_since_that_was_not_ju
             rendered(in_this_process(campaign), vehicle())
 
 
-def test_a_head_of_many_quantities_is_short(campaign: Path) -> None:
-    keys = [row.key for row in QUANTITIES if row.key != "mass_kg"]
-    write(campaign, "mass: 1\n", HEAD.replace('["drag"]', json.dumps(keys)))
-    lines = rendered(in_this_process(campaign), vehicle()).splitlines()
-
-    assert lines[-1] == "mass: 1"
-    assert len(lines) <= 13
-    assert "NOT MEASURED: swing." in "".join(lines)
-
-
 @pytest.mark.parametrize(
     "body",
     [
         "{% include '/etc/passwd' %}",
-        "{% include '../../../../etc/passwd' %}",
-        "{% import 'os' as os %}{{ os }}",
         "{{ v.__class__.__mro__ }}",
         "{{ v._vehicle.frame }}",
-        "{{ v.has.__globals__ }}",
-        "{{ v|attr('__init__') }}",
         "{{ ''.__class__.__base__.__subclasses__() }}",
-        "{{ '{0.__class__}'.format(v) }}",
-        "{{ cycler.__init__.__globals__ }}",
         "{{ v.inertia_kg_m2.tofile('stolen') }}",
         "{{ v.inertia_kg_m2.append(1) }}",
         "{{ open('/etc/passwd').read() }}",
@@ -148,13 +114,11 @@ def test_a_template_that_is_wrong_is_named_with_the_line(body: str, place: str, 
         "",
         "{# about = #}",
         HEAD.replace("robot.yaml", "../rig.toml"),
-        HEAD.replace("robot.yaml", ".robot"),
         HEAD.replace("robot.yaml", "cfid_platform_defaults.h"),
         HEAD.replace("robot.yaml", "other.j2"),
         HEAD.replace("mass_kg", "mass_g"),
         HEAD.replace("uses", "use"),
-        HEAD.replace("[", "[" * 5000),
-        HEAD.replace("Robot", "\0" * 10) + " " * 300_000,
+        HEAD + " " * 300_000,
         "{# " + "a." * 3000 + "b = 1 #}",
     ],
 )
@@ -178,6 +142,7 @@ def test_a_head_cannot_claim_that_it_is_cfids_own(campaign: Path) -> None:
 
 
 def test_a_template_does_not_take_the_place_of_a_target_or_of_what_a_campaign_keeps(cfid: Cfid, campaign: Path) -> None:
+    write(campaign, "")
     (campaign / "exports" / "firmware.j2").write_text(f"{HEAD}stolen\n")
     assert "CF_MASS" in cfid("export", "firmware", "--out", "-").stdout
     assert "firmware.j2" in cfid("export", "list").stderr

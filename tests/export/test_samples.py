@@ -14,8 +14,7 @@ import pytest
 
 from cfid.errors import DataError
 from cfid.estimate.voltage_cubic import cubic_fault
-from cfid.export.feasibility import impossible
-from cfid.export.joint import Joint, joint_of
+from cfid.export.samples import Joint, impossible, joint_of
 from cfid.records.covariances import covariance_between
 from cfid.records.parameters import Parameter, Section
 from tests.export.thesis_vehicle import INERTIA_KG_M2, section, sections
@@ -180,23 +179,24 @@ def test_each_way_of_being_no_vehicle_is_named(key: str, value: Any) -> None:
     assert impossible({**POSSIBLE, key: value}).startswith(key)
 
 
-def test_a_map_is_judged_over_what_was_measured_and_reached() -> None:
-    falls_early = {**POSSIBLE, "motor.thrust_poly": [2.1e-11, -2e-7, 0.001]}  # falls up to command 4762
-    falls_late = {**POSSIBLE, "motor.torque_poly": [-0.015, 0.005, 0.0]}  # from 0.167 N on
-
-    assert impossible(falls_early, commands=(1000, 65535)) == "motor.thrust_poly does not rise"
-    assert impossible(falls_early, commands=(6000, 65535)) == ""
-    assert impossible(falls_late) == ""
-    without = {key: value for key, value in falls_late.items() if key != "motor.thrust_poly"}
-    assert impossible(without | {"motor.max_thrust_n": 0.2}) == "motor.torque_poly does not rise"
-
-
 def test_a_motor_command_that_only_rounding_lets_fall_is_no_fault_of_the_vehicle() -> None:
     """The cubic is near the firmware's limit, with c2^2 = 0.993 * 3 c1 c3, as are half of the draws about the limit."""
     cubic = [9.1322e-4, 0.0157323, 0.00557237, 0.000662268]
 
     assert cubic_fault(cubic, max_thrust_n=0.16)
     assert impossible({**POSSIBLE, "motor.thrust_voltage_poly": cubic}) == ""
+
+
+def test_a_map_is_judged_over_what_was_measured_and_reached() -> None:
+    falls_early = {**POSSIBLE, "motor.thrust_poly": [2.1e-11, -2e-7, 0.001]}  # falls up to command 4762
+    falls_late = {**POSSIBLE, "motor.torque_poly": [-0.015, 0.005, 0.0]}  # from 0.167 N on
+    reached = {key: value for key, value in falls_late.items() if key != "motor.thrust_poly"} | {
+        "motor.max_thrust_n": 0.2
+    }
+
+    assert impossible(falls_early, commands=(1000, 65535)) == "motor.thrust_poly does not rise"
+    assert impossible(falls_early, commands=(6000, 65535)) == impossible(falls_late) == ""
+    assert impossible(reached) == "motor.torque_poly does not rise"
 
 
 # Files
@@ -320,6 +320,14 @@ def test_the_same_seed_draws_the_same_vehicles_and_nothing_is_overwritten(cfid: 
     assert not (campaign / "a" / "samples.npz").exists()
 
 
+def test_what_a_target_lacks_leaves_its_list_out(cfid: Cfid, tmp_path: Path) -> None:
+    new_campaign(tmp_path)
+    ended = cfid("export", "samples", "--n", "5")
+
+    assert (ended.returncode, "crazyflow" in ended.stderr) == (0, True)
+    assert sorted(path.name for path in (tmp_path / "exports").iterdir()) == ["samples.csv", "samples.npz"]
+
+
 @pytest.mark.parametrize("itself", [False, True], ids=["wide uncertainties", "an impossible mean"])
 def test_where_over_half_of_the_draws_are_no_vehicle_nothing_is_written(
     cfid: Cfid, campaign: Path, itself: bool
@@ -360,12 +368,3 @@ def test_every_file_is_marked_with_what_was_simulated_or_forced(cfid: Cfid, camp
             "REJECTED: motor.torque_poly:",
         ):
             assert mark in text, name
-
-
-def test_what_a_target_lacks_leaves_its_list_out(cfid: Cfid, tmp_path: Path) -> None:
-    new_campaign(tmp_path)
-    ended = cfid("export", "samples", "--n", "5")
-
-    assert ended.returncode == 0
-    assert sorted(path.name for path in (tmp_path / "exports").iterdir()) == ["samples.csv", "samples.npz"]
-    assert "crazyflow" in ended.stderr

@@ -73,15 +73,6 @@ def test_values_have_a_mean_a_scatter_and_a_drift_by_the_days_of_their_recording
     assert "+2e-05 +-" in cfid("fleet", *folders).stdout
 
 
-def test_a_rejected_value_is_listed_and_does_not_count(cfid: Cfid, tmp_path: Path) -> None:
-    good = [campaign(tmp_path / f"c{day}", day, 0.028) for day in range(2)]
-    number = compared(cfid, *good, campaign(tmp_path / "odd", 3, 5.0, accepted=False))["parameters"]["thing.mass_kg"]
-
-    assert number["values"] == [0.028, 0.028, 5.0]
-    assert number["rejected"] == ["odd"]
-    assert number["mean"] == pytest.approx(0.028, rel=1e-12)
-
-
 @pytest.mark.parametrize("std", [None, float("nan"), 0.0])
 def test_a_value_without_uncertainty_has_no_weight(cfid: Cfid, tmp_path: Path, std: float | None) -> None:
     """Previously, one value at a bound took the weights of 60 campaigns, and the mean was fifty times too large."""
@@ -97,26 +88,20 @@ def test_a_value_without_uncertainty_has_no_weight(cfid: Cfid, tmp_path: Path, s
     assert beside["mean"] == pytest.approx(0.02803, abs=1e-7)
 
 
-def test_recordings_that_changed_or_went_are_findings(cfid: Cfid, tmp_path: Path) -> None:
-    changed, gone = campaign(tmp_path / "changed", 0, 0.028), campaign(tmp_path / "gone", 1, 0.028)
+def test_recordings_that_changed_went_cannot_be_read_or_are_copies_are_findings(cfid: Cfid, tmp_path: Path) -> None:
+    changed, gone, broken = (campaign(tmp_path / name, day, 0.028) for day, name in enumerate(("changed", "gone", "c")))
+    copy = shutil.copytree(broken, tmp_path / "copy")
     next(changed.glob("runs/*/encoder.csv")).write_text("t,phi\n1,2\n")
     next(gone.glob("runs/*/encoder.csv")).unlink()
-    campaigns = compared(cfid, changed, gone)["campaigns"]
+    (run := broken / "runs" / "2026-01-01_080000_swing_x").mkdir()
+    (run / "run.toml").write_text("format = 99")
+    campaigns = compared(cfid, changed, gone, broken, copy)["campaigns"]
 
     assert [[finding["code"] for finding in each["findings"]] for each in campaigns] == [
-        ["source-changed"], ["source-missing"],
+        ["source-changed"], ["source-missing"], ["run-unreadable"], ["recordings-shared"],
     ]  # fmt: skip
-
-
-def test_an_unreadable_run_is_counted_and_named(cfid: Cfid, tmp_path: Path) -> None:
-    folder = campaign(tmp_path / "c", 0, 0.028)
-    (broken := folder / "runs" / "2026-01-01_080000_swing_x").mkdir()
-    (broken / "run.toml").write_text("format = 99")
-    (content,) = compared(cfid, folder)["campaigns"]
-
-    assert (content["complete_runs"], content["other_runs"]) == (1, 1)
-    assert [finding["code"] for finding in content["findings"]] == ["run-unreadable"]
-    assert broken.name in content["findings"][0]["text"]
+    assert (campaigns[2]["complete_runs"], campaigns[2]["other_runs"]) == (1, 1)
+    assert run.name in campaigns[2]["findings"][0]["text"]
 
 
 @pytest.mark.parametrize(("mass_kg", "std"), [(1e308, 1e-5), (0.028, 1e-320)])
@@ -126,15 +111,6 @@ def test_a_number_whose_square_overflows_is_left_out(cfid: Cfid, tmp_path: Path,
 
     assert content["parameters"]["thing.mass_kg"]["values"][3] is None
     assert [finding["code"] for finding in content["campaigns"][3]["findings"]] == ["number-not-compared"]
-
-
-def test_a_copy_of_a_campaign_is_a_finding(cfid: Cfid, tmp_path: Path) -> None:
-    first, second = campaign(tmp_path / "one", 0, 0.028), campaign(tmp_path / "other", 1, 0.028)
-    copy = shutil.copytree(first, tmp_path / "one-backup")
-    findings = [each["findings"] for each in compared(cfid, first, second, copy)["campaigns"]]
-
-    assert [len(each) for each in findings] == [0, 0, 1]
-    assert findings[2][0]["code"] == "recordings-shared"
 
 
 def test_unreadable_campaigns_are_listed_after_the_others(cfid: Cfid, tmp_path: Path) -> None:
@@ -173,12 +149,8 @@ def test_a_value_twenty_standard_uncertainties_off_among_five_is_an_outlier() ->
     assert outliers(np.array([1.00, 1.01, 0.99, 1.005, 1.20]), np.full(5, 0.01)) == [4]
     assert outliers(np.array([1.00, 1.01, 0.99, 1.005, 1.20]), np.array([0.01, 0.01, 0.01, 0.01, 0.1])) == []
     assert outliers(np.array([1.00, 1.01, 0.99, 1.20]), np.full(4, 0.01)) == []  # too few to tell
-
-
-def test_two_outliers_are_both_named_the_farthest_first() -> None:
-    value = np.append(np.random.default_rng(3).standard_normal(20), [15.0, 30.0])
-
-    assert outliers(value, np.ones(22)) == [21, 20]
+    two = np.append(np.random.default_rng(3).standard_normal(20), [15.0, 30.0])
+    assert outliers(two, np.ones(22)) == [21, 20]  # the farthest first
 
 
 @pytest.mark.parametrize("count", [5, 12])
@@ -225,27 +197,18 @@ def test_globs_and_an_index_name_campaigns_each_once(cfid: Cfid, tmp_path: Path)
     assert len(compared(cfid, *folders, folders[0])["campaigns"]) == 3
 
 
-def test_campaigns_of_one_name_are_distinguished_by_their_paths(cfid: Cfid, tmp_path: Path) -> None:
-    folders = [campaign(tmp_path / lab / "day-1", 0, 0.028) for lab in ("a", "b")]
-
-    assert [each["name"] for each in compared(cfid, *folders)["campaigns"]] == list(map(str, folders))
-
-
-def test_swings_about_two_axes_are_two_numbers(cfid: Cfid, tmp_path: Path) -> None:
-    first, second = campaign(tmp_path / "one", 0, 0.028), campaign(tmp_path / "other", 1, 0.028)
+def test_axes_units_and_folders_of_one_name_are_kept_apart(cfid: Cfid, tmp_path: Path) -> None:
+    first, second = (campaign(tmp_path / lab / "day-1", 0, 0.028) for lab in ("a", "b"))
     for folder, axis, value in ((first, "x", 1.0), (first, "z", 2.0), (second, "x", 3.0)):
         fitted(folder, f"swing {axis}", {"swing.zero_rad": value}, unit="rad")
-    numbers = compared(cfid, first, second)["parameters"]
-
-    assert numbers["swing.zero_rad (x)"]["values"] == [1.0, 3.0]
-    assert numbers["swing.zero_rad (z)"]["values"] == [2.0, None]
-
-
-def test_numbers_of_different_units_are_not_compared(cfid: Cfid, tmp_path: Path) -> None:
-    first, second = campaign(tmp_path / "one", 0, 0.028), campaign(tmp_path / "other", 1, 0.028)
     fitted(first, "set", {"thing": 46.0}, unit="mm")
     fitted(second, "set", {"thing": 0.046}, unit="m")
-    numbers = compared(cfid, first, second)["parameters"]
+    content = compared(cfid, first, second)
 
-    assert numbers["thing, mm"]["values"] == [46.0, None]
-    assert numbers["thing, m"]["values"] == [None, 0.046]
+    assert [each["name"] for each in content["campaigns"]] == [str(first), str(second)]
+    assert {name: number["values"] for name, number in content["parameters"].items() if name != "thing.mass_kg"} == {
+        "swing.zero_rad (x)": [1.0, 3.0],
+        "swing.zero_rad (z)": [2.0, None],
+        "thing, mm": [46.0, None],
+        "thing, m": [None, 0.046],
+    }

@@ -6,11 +6,6 @@ from collections.abc import Mapping
 from pathlib import Path
 
 
-def length(task: str) -> int:
-    """Return the length of a task."""
-    return len(task)
-
-
 def die(_folder: str, _made: Path, _changes: Mapping[str, str]) -> None:
     """Die in place of a refit, as if for lack of memory."""
     os.kill(os.getpid(), signal.SIGKILL)

@@ -21,8 +21,8 @@ import numpy as np
 
 from cfid.console.campaign import make_campaign
 from cfid.errors import CfidError
-from cfid.export.command import _write as write_export
 from cfid.records.campaign import Campaign, open_campaign
+from cfid.records.files import write_files
 from cfid.records.fits import Fit, list_fits
 from cfid.records.parameters import Parameter, Section, Source
 from cfid.records.parameters_file import is_as_written
@@ -74,7 +74,7 @@ def report(campaign: Campaign) -> None:
 
 
 def export(campaign: Campaign) -> None:
-    write_export({campaign.folder / "exports" / "vehicle.json": NEW.encode()}, force=True)
+    write_files({campaign.folder / "exports" / "vehicle.json": NEW.encode()}, force=True)
 
 
 JOBS = (record, fit, by_hand, note, report, export)
@@ -113,7 +113,7 @@ def make(folder: Path) -> None:
     keep(campaign.folder, "swing x", _section())
     campaign.keep(Result(command="fit friction", method="default", quantities=MATRIX))
     write_report(folder / "report.md", OLD)
-    write_export({folder / "exports" / "vehicle.json": OLD.encode()}, force=False)
+    write_files({folder / "exports" / "vehicle.json": OLD.encode()}, force=False)
 
 
 def attempt(job: Job, campaign: Campaign, which: int, kind: str) -> Ended:

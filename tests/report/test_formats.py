@@ -74,14 +74,9 @@ def test_every_format_has_the_sheet_the_verdicts_and_the_published_values(campai
 
     for number in ("16.57", "40.77", "rejected", "too little.", "crazyflow", "RotorPy", "5.965"):
         assert number in text, number
-
-
-def test_a_rejected_quantity_is_not_counted_as_known(campaign: Campaign) -> None:
-    entries = [entry for group in report_of(campaign)["sheet"] for entry in group["quantities"]]
-    counted = re.search(r"(\d+) of (\d+) quantities known", text_of(campaign, "html"))
-
-    assert counted is not None
-    assert [int(count) for count in counted.groups()] == [len(entries) - 1, len(entries)]
+    if form == "html":  # a rejected quantity does not count as known
+        entries = [entry for group in report_of(campaign)["sheet"] for entry in group["quantities"]]
+        assert f"{len(entries) - 1} of {len(entries)} quantities known" in text
 
 
 def test_json_is_one_object_of_plain_numbers(campaign: Campaign) -> None:
@@ -114,14 +109,6 @@ def test_the_tex_sheet_compiles(campaign: Campaign, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("unit", "power", "shown"),
-    [("kg", -3, "g"), ("N(cmd)", -3, "mN(cmd)"), ("kg", 0, "kg"), ("kg m^2", -3, "10⁻³ kg m²"), ("1", -6, "10⁻⁶")],
-)
-def test_thousandths_of_a_unit_have_its_plain_name(unit: str, power: int, shown: str) -> None:
-    assert with_power(unit, power) == shown
-
-
-@pytest.mark.parametrize(
     ("value", "std", "shown"),
     [
         (1.2345, 0.0996, ("1.23", "0.10")),
@@ -138,3 +125,11 @@ def test_thousandths_of_a_unit_have_its_plain_name(unit: str, power: int, shown:
 )
 def test_values_are_rounded_to_two_digits_of_their_uncertainty(value: Any, std: Any, shown: tuple[str, str]) -> None:
     assert value_and_std(value, std) == shown
+
+
+@pytest.mark.parametrize(
+    ("unit", "power", "shown"),
+    [("kg", -3, "g"), ("N(cmd)", -3, "mN(cmd)"), ("kg", 0, "kg"), ("kg m^2", -3, "10⁻³ kg m²"), ("1", -6, "10⁻⁶")],
+)
+def test_thousandths_of_a_unit_have_its_plain_name(unit: str, power: int, shown: str) -> None:
+    assert with_power(unit, power) == shown

@@ -23,21 +23,12 @@ python_markdown = pytest.importorskip("markdown", reason="needs the docs extra t
 
 ATTACKS = (
     "</pre></table></details></title></style><script>alert(1)</script>",
-    "[x](javascript:alert(1)) ![x](https://evil.example/pixel.png) <javascript:alert(1)>",
-    "[x]: javascript:alert(1)\n\n[x]",
-    "`<img src=x onerror=alert(1)>` ``` <img src=x onerror=alert(1)>",
-    "```\n<img src=x onerror=alert(1)>\n```\n[x](javascript:alert(1))\n",
-    "~~~\n\n<svg/onload=alert(1)>\n\n~~~\n",
-    "a {: onclick=alert(1) } {onclick=alert(1)}",
-    '" onmouseover="alert(1)',
-    "| </td><iframe src=javascript:alert(1)> |",
-    "\\\\<script>alert(1)</script>",
-    "&lt;script&gt;\r\r<script>alert(1)</script>",
-    "\n\n    <script>\n\n# <b onclick=alert(1)>",
-    "--> <script>alert(1)</script> <!--",
-    "<?php echo 1 ?><![CDATA[<script>alert(1)</script>]]>",
-    "\x1b]0;owned\x07\x9b31m\u202e\u2028<script>",
-    "{{ mark }} {% include 'report.css' %} {# << mark >> <% raw %> #}",
+    "[x](javascript:alert(1)) ![x](https://evil.example/pixel.png) <javascript:alert(1)>\n\n[x]: javascript:alert(1)",
+    "```\n<img src=x onerror=alert(1)>\n```\n~~~\n\n<svg/onload=alert(1)>\n\n~~~\n`<img src=x onerror=alert(1)>` ```",
+    'a {: onclick=alert(1) } {onclick=alert(1)}" onmouseover="alert(1)',
+    "| </td><iframe src=javascript:alert(1)> |\r\r\\\\<script>alert(1)</script>\n\n    <script>\n\n# <b onclick=x>",
+    "--> <script>alert(1)</script> <!--<?php echo 1 ?><![CDATA[<script>alert(1)</script>]]>",
+    "\x1b]0;owned\x07\x9b31m\u202e\u2028<script>{{ mark }} {% include 'report.css' %} {# << mark >> <% raw %> #}",
     r"\end{document}\write18{id}\input{/etc/passwd}^^5cinput{/etc/passwd} 50 % & # $x$ Förster µ",
 )
 TEXTS_OF_TIME_AND_KIND = {"found", "severity", "quantities", "of"}

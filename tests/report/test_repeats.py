@@ -1,7 +1,6 @@
 """Several measurements of one quantity: which of them count, whether they agree, and how they drift."""
 
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,13 +9,7 @@ import pytest
 from cfid.records.campaign import Campaign
 from cfid.report.repeats import Reading, compared
 from cfid.report.texts import repeat_grid
-from tests.lab import new_campaign
 from tests.report.fits_by_hand import number, put, report_of
-
-
-@pytest.fixture
-def campaign(tmp_path: Path) -> Campaign:
-    return new_campaign(tmp_path)
 
 
 def put_torque(campaign: Campaign, slope: float, sources: str, *, std: float | None = 0.1, **more: Any) -> None:
@@ -84,6 +77,14 @@ def test_the_mean_is_weighted_by_the_uncertainties(campaign: Campaign) -> None:
     assert slope_of(campaign)["mean"] == pytest.approx((6.0 * 9 + 7.0) / 10)
 
 
+def test_readings_without_uncertainties_are_not_tested(campaign: Campaign) -> None:
+    put_torque(campaign, 6.0, "a")
+    put_torque(campaign, 6.1, "b", std=None)
+    quantity = slope_of(campaign)
+
+    assert (quantity["probability"], quantity["agrees"], quantity["mean"]) == (None, None, None)
+
+
 def test_a_reading_that_was_rejected_is_shown_and_left_out(campaign: Campaign) -> None:
     put_torque(campaign, 6.0, "a")
     put_torque(campaign, 6.1, "b")
@@ -93,14 +94,6 @@ def test_a_reading_that_was_rejected_is_shown_and_left_out(campaign: Campaign) -
     assert slope_of(campaign)["mean"] == pytest.approx(6.05)
     assert grid.rows[0][4] == "9.00 ± 0.10"
     assert grid.head[4].endswith(", rejected")
-
-
-def test_readings_without_uncertainties_are_not_tested(campaign: Campaign) -> None:
-    put_torque(campaign, 6.0, "a")
-    put_torque(campaign, 6.1, "b", std=None)
-    quantity = slope_of(campaign)
-
-    assert (quantity["probability"], quantity["agrees"], quantity["mean"]) == (None, None, None)
 
 
 @pytest.mark.parametrize(("second", "is_shared"), [("bc", True), ("cd", False)])

@@ -1,22 +1,14 @@
 """The sheet has every parameter of appendix A with uncertainty, interval and origin, and names missing parameters."""
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
-
-import pytest
 
 from cfid.records.campaign import Campaign
 from cfid.records.parameters import Source
 from cfid.report.render import rendered
 from cfid.report.texts import number_grid, origin_text
-from tests.lab import keep, new_campaign
+from tests.lab import keep
 from tests.report.fits_by_hand import APPENDIX_A, number, put, put_appendix_a, report_of
-
-
-@pytest.fixture
-def campaign(tmp_path: Path) -> Campaign:
-    return new_campaign(tmp_path)
 
 
 def entries(campaign: Campaign) -> list[dict[str, Any]]:
@@ -74,12 +66,14 @@ def test_the_origin_counts_recordings_and_files(campaign: Campaign) -> None:
     assert origin_text(origin) == expected
 
 
-def test_a_rejected_quantity_has_the_reason_and_a_stated_one_no_verdict(campaign: Campaign) -> None:
+def test_a_rejected_quantity_has_the_reason_and_stated_ones_no_verdict(campaign: Campaign) -> None:
     put(campaign, "torque", APPENDIX_A["torque"], rejected="the line leaves too much.")
-    origin = entry(campaign, "motor.torque_poly")["origin"]
+    put(campaign, "set", {"arm_m": number(0.046, "m", 0.0002)}, method="by hand")
+    origin, group = entry(campaign, "motor.torque_poly")["origin"], report_of(campaign)["sheet"][-1]
 
     assert (origin["accepted"], origin["findings"]) == (False, ["the line leaves too much."])
     assert entry(campaign, "vehicle.mass_kg")["origin"]["accepted"] is None
+    assert (group["title"], group["quantities"][0]["rows"][0]["value"]) == ("Measured by hand", 0.046)
 
 
 def test_numbers_that_the_form_of_a_transfer_function_fixes_are_left_out(campaign: Campaign) -> None:
@@ -97,14 +91,6 @@ def test_a_polynomial_of_any_order_names_its_powers_and_their_units(campaign: Ca
     units = {row["symbol"]: row["unit"] for row in entry(campaign, "motor.thrust_poly")["rows"]}
 
     assert units == {"a_3": "N/cmd^3", "a_2": "N/cmd^2", "a_1": "N/cmd", "a_0": "N"}
-
-
-def test_values_set_by_hand_have_a_group_of_their_own(campaign: Campaign) -> None:
-    put(campaign, "set", {"arm_m": number(0.046, "m", 0.0002)}, method="by hand")
-    group = report_of(campaign)["sheet"][-1]
-
-    assert group["title"] == "Measured by hand"
-    assert group["quantities"][0]["rows"][0]["value"] == 0.046
 
 
 def test_numbers_of_one_quantity_share_a_power_of_ten_unless_one_would_vanish(campaign: Campaign) -> None:

@@ -87,13 +87,6 @@ def test_the_uncertainty_of_a_speed_considers_that_coefficients_move_together() 
     assert numbers(replace(line, covariance=together))["Rotor speed at command 30000"] == ("1600 rad/s", "")
 
 
-def test_a_rejected_number_is_named_and_not_printed() -> None:
-    found = section(motor__max_thrust_n=Parameter(value=0.1683, std=0.0011))
-    rejected = numbers(replace(found, rejected={"motor.max_thrust_n": "it scatters"}))
-
-    assert rejected["Largest thrust of one motor"] == ("rejected", "")
-
-
 @pytest.mark.parametrize(
     ("stds", "weakest"),
     [
@@ -154,3 +147,10 @@ def test_five_findings_are_shown_and_the_others_counted() -> None:
 def test_the_next_step_is_that_of_the_guide_and_after_the_report_the_export() -> None:
     assert summary()["next_command"] == "cfid fit thrust"
     assert summary_of(values_of({}), (), Status(tasks=()))["next_command"] == "cfid export"
+
+
+def test_a_rejected_number_is_named_and_not_printed() -> None:
+    found = section(motor__max_thrust_n=Parameter(value=0.1683, std=0.0011))
+    rejected = numbers(replace(found, rejected={"motor.max_thrust_n": "it scatters"}))
+
+    assert rejected["Largest thrust of one motor"] == ("rejected", "")
