@@ -118,15 +118,6 @@ def test_a_value_set_by_hand_counts_before_a_fit(cfid: Cfid, lab: Path) -> None:
     assert tomllib.loads(row)["motor.max_thrust_n"] == {"value": 0.15, "unit": "N", "from": "0002_set"}
 
 
-def test_a_fit_of_the_same_and_more_recordings_replaces_whatever_it_finds(cfid: Cfid, lab: Path) -> None:
-    stand(lab / "noisy.csv", MANY, seed=3, noise_n=2e-3)
-    certain = thrust(lab).parameters["motor.max_thrust_n"].std
-    ended = cfid("fit", "thrust", "many.csv", "noisy.csv", "--no-figures", "--json", folder=lab)
-
-    assert (ended.returncode, json.loads(ended.stdout)["in_force"]) == (0, True)
-    assert thrust(lab).parameters["motor.max_thrust_n"].std > 3 * certain
-
-
 def test_a_fit_gives_way_once_one_of_its_runs_is_excluded(cfid: Cfid, bodies: Path) -> None:
     drops = sorted(path.name for path in (bodies / "runs").glob("*_drop_*"))
     first = [next(name for name in drops if f"_{weight}g" in name) for weight in (20, 50)]
@@ -160,16 +151,6 @@ def test_a_rejected_fit_replaces_no_accepted_one_even_by_force(cfid: Cfid, tmp_p
     assert (ended.returncode, shown["accepted"], shown["in_force"]) == (0, False, False)
     assert (lab / "parameters.toml").read_bytes() == before
     assert len(fits(lab)) == 2
-
-
-def test_a_report_shows_the_fit_in_force_first_and_a_later_one_as_another(cfid: Cfid, lab: Path) -> None:
-    assert cfid("fit", "thrust", "few.csv", "--no-figures", folder=lab).returncode == 0
-    assert cfid("report", "--out", "report.json", folder=lab).returncode == 0
-    report = json.loads((lab / "report.json").read_text())
-    first, second = report["experiments"]
-
-    assert [one["sources"][0]["path"].rpartition("/")[2] for one in (first, second)] == ["many.csv", "few.csv"]
-    assert first["title"] != second["title"]
 
 
 def test_reports_exports_and_status_take_the_accepted_value_where_a_later_section_rejected_its_own(

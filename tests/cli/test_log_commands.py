@@ -41,14 +41,6 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[Terminal]:
 # Arguments
 
 
-@pytest.mark.parametrize("words", [("log", "loadcell"), ("rig", "sim")])
-def test_a_command_of_the_rig_needs_a_campaign(tmp_path: Path, words: tuple[str, ...]) -> None:
-    ended = run_cfid(words, tmp_path)
-
-    assert ended.returncode == 2
-    assert "no rig.toml" in ended.stderr
-
-
 @pytest.mark.parametrize(
     ("words", "option"),
     [

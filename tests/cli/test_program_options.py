@@ -45,6 +45,6 @@ def test_a_folder_that_is_missing_and_json_of_a_command_without_it_change_nothin
 
     for words in (("report", "-C"), ("runs", "--campaign="), ("runs", "-C", "")):
         assert cfid(*words).returncode == 2
-    assert cfid("report", "--json").returncode == 2
+    assert cfid("new", "other", "--json").returncode == 2
     assert cfid("set", "arm_m", "0.046", "--json").returncode == 2
     assert sorted(path.name for path in tmp_path.rglob("*")) == before

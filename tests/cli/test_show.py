@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.io import savemat
 
 from cfid.recordings.wrench import AXES
 from tests.lab import STARTED_S, Cfid, made_run, new_campaign, sentences
@@ -107,15 +106,6 @@ def run_of(folder: Path, *devices: str) -> Path:
     return made_run(folder, "thrust", columns, simulated=True).folder
 
 
-@pytest.mark.parametrize("device", ["crossings", "pings"])
-def test_any_device_is_shown_alone(cfid: Cfid, tmp_path: Path, device: str) -> None:
-    run = run_of(tmp_path, device)
-    ended = cfid("show", run, "--no-figures")
-
-    assert ended.returncode == 0, ended.stderr
-    assert "recording.samples" in ended.stdout
-
-
 def test_devices_of_one_run_have_a_figure_and_numbers_each(cfid: Cfid, tmp_path: Path) -> None:
     run = run_of(tmp_path, "commands", "crazyflie")
     assert cfid("show", run).returncode == 0
@@ -170,26 +160,6 @@ def test_events_without_variables_are_shown_by_their_times_in_a_log_and_in_the_r
     assert of_run.returncode == 0, of_run.stderr
     for made in (cfid("show", path, "--json"), of_run):
         assert json.loads(made.stdout)["parameters"]["recording.landed.samples"]["value"] == 1
-
-
-def test_a_log_as_a_table_and_a_matlab_file_are_recognised(cfid: Cfid, tmp_path: Path) -> None:
-    client = tmp_path / "client.csv"
-    client.write_text("Timestamp,pm.vbat\n" + "".join(f"{10 * at},{4 - at / 100}\n" for at in range(50)))
-    shown = cfid("show", client)
-    assert "CSV log of the Crazyflie client" in shown.stdout
-    assert "pm.vbat in V" in shown.stdout
-
-    other = tmp_path / "other.csv"
-    other.write_text(",timestamp_us,u0\n" + "".join(f"{at},{10000 * at},{at / 4}\n" for at in range(50)))
-    shown = cfid("show", other)
-    assert "100 Hz" in shown.stdout
-    assert "u0" in shown.stdout
-
-    swing = tmp_path / "swing.mat"
-    time_s = np.arange(300) / 100
-    savemat(swing, {"t": time_s, "theta_rad": np.cos(5 * time_s)})
-    shown = cfid("show", swing)
-    assert shown.returncode == 0, shown.stderr
 
 
 def test_a_table_of_a_stand_shows_commands_and_si_units(cfid: Cfid, tmp_path: Path) -> None:

@@ -24,17 +24,6 @@ def harmless(said: subprocess.CompletedProcess[str]) -> bool:
     return all(letter.isprintable() or letter == "\n" for letter in printed) and "Traceback" not in printed
 
 
-def test_a_key_of_rig_toml_is_printed_without_its_escapes(cfid: Cfid, campaign: Path) -> None:
-    with (campaign / RIG_FILE).open("a") as file:
-        file.write('\n["\\u001b[2J\\u0007\\nFORGED"]\nkey = 1\n')
-
-    said = cfid("rig", "check", folder=campaign)
-    assert said.returncode == 2
-    assert harmless(said), said.stderr
-    assert "there is no such key" in said.stderr
-    assert not any(line.startswith("FORGED") for line in said.stderr.splitlines())
-
-
 def test_json_for_a_file_has_escapes_where_it_is_printed(cfid: Cfid, campaign: Path) -> None:
     (campaign / RIG_FILE).write_text(new_rig_text().replace('name = "', 'name = "\\u009b31m\\u202e\\u2028'))
     said = cfid("export", "json", "--out", "-", folder=campaign)
@@ -66,13 +55,3 @@ def test_reasons_and_names_of_runs_are_printed_without_escapes_and_begin_no_line
         said = cfid(*words, folder=place)
         assert harmless(said), (words, said.stdout, said.stderr)
         assert not any(line.startswith("FORGED") for line in (said.stdout + said.stderr).splitlines())
-
-
-@pytest.mark.parametrize("name", ["fleet.csv", "fleet.html"])
-def test_a_fleets_table_has_no_escapes_of_its_campaigns(cfid: Cfid, campaign: Path, tmp_path: Path, name: str) -> None:
-    (campaign / RIG_FILE).write_text(new_rig_text().replace('name = "', 'name = "\\u001b[2J\\u0007'))
-    assert cfid("set", "mass_kg", "0.03", folder=campaign).returncode == 0
-    said = cfid("fleet", campaign, "--out", name, folder=tmp_path)
-    assert said.returncode == 0, said.stderr
-    assert harmless(said), said.stdout
-    assert all(letter.isprintable() or letter == "\n" for letter in (tmp_path / name).read_text())

@@ -3,7 +3,6 @@
 import contextlib
 import json
 import re
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -12,7 +11,7 @@ import pytest
 from cfid.cli.rig import report_answers
 from cfid.console.inputs import open_workplace
 from cfid.console.live import LiveLine
-from cfid.console.messages import fault, fitted, note
+from cfid.console.messages import fault, note
 from cfid.console.outcome import Delivery, deliver
 from cfid.console.program import Program, running
 from cfid.errors import DeviceError
@@ -54,33 +53,17 @@ def check() -> None:
         report_answers("rig check", {"loadcell": [ANSWER]}, simulated=True)
 
 
-def question() -> None:
-    print(fitted(LONG, err=True), file=sys.stderr)
-
-
 def message_above_a_live_line() -> None:
     live = LiveLine()
     live.tell(LONG)
     live.end()
 
 
-def result() -> None:
-    deliver(
-        Result(command="tf latency", section="", method="default", quantities={}, lines=(LONG,), prints_lines=True),
-        Delivery(),
-        open_workplace(),
-        keep=False,
-    )
-
-
 @pytest.mark.parametrize(
     ("speak", "err", "columns"),
     [
         (check, False, 40),
-        (check, False, 80),
-        (question, True, 80),
         (message_above_a_live_line, True, 80),
-        (result, False, 80),
     ],
 )
 def test_what_is_said_fits_and_is_whole(terminal: Terminal, speak: Callable[[], None], err: bool, columns: int) -> None:

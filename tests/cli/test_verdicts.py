@@ -65,12 +65,6 @@ def test_a_sound_recording_is_good_for_what_it_is(
     assert verdict_line(read_run(run.folder)).startswith("good: " if usable else "NOT USABLE: ")
 
 
-def test_a_fault_of_rig_toml_condemns_no_recording(bodies: Path) -> None:
-    (bodies / "rig.toml").write_text("[vehicle\n")
-
-    assert judged(runs_of(bodies, "swing")[0], judge_swing).usable
-
-
 def freeze_at_fastest(rows: pd.DataFrame) -> pd.DataFrame:
     phi = rows["phi"].to_numpy()
     fastest = int(np.abs(phi[100:-2900] - phi[:-3000]).argmax()) + 100
@@ -165,12 +159,6 @@ def test_a_cell_that_hangs_is_named(tmp_path: Path, begin: int, end: int, value:
     assert verdict.usable == usable
     assert f"{2.3e-2 * value:.6g}" in verdict.text or usable
     assert f"{end - begin}" in verdict.text or value == 0  # some counts before are zero by chance
-
-
-def test_scales_whose_steps_are_coarser_than_their_noise_do_not_hang(tmp_path: Path) -> None:
-    counts = np.rint(500 + np.random.default_rng(2).normal(0, 0.4, 800))
-    counts[:400] = 0
-    assert "repeats" not in of_a_load_cell(tmp_path, counts).text
 
 
 # What is not judged
@@ -290,10 +278,3 @@ def test_the_list_of_runs_states_what_is_not_usable_and_show_says_why(bodies: Pa
     assert cfid("report", "--campaign", bodies, "--out", report, "--format", "md").returncode == 0
     (line,) = [line for line in report.read_text().splitlines() if "| not usable |" in line]
     assert spoilt.folder.name in line.replace("\\", "")
-
-
-def test_a_recording_of_no_use_is_left_out_unless_it_is_named(bodies: Path, cfid: Cfid) -> None:
-    name = amend_run(runs_of(bodies, "swing")[0], verdict=Verdict(usable=False, text="no release")).folder.name
-
-    assert cfid("fit", "swing", name, "--campaign", bodies).returncode == 0
-    assert f"left out: {name}" in cfid("fit", "inertia", "--campaign", bodies).stderr

@@ -1,10 +1,7 @@
 """`cfid demo` makes a complete campaign with a known truth in its own folder, with correct intervals."""
 
-import os
-import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -97,20 +94,6 @@ def test_a_demo_measures_everything_hands_it_on_and_is_never_mixed_with_another(
     assert again.returncode == 2
     assert "delete it, or give another folder" in again.stderr
     assert (folder / "parameters.toml").read_bytes() == before
-
-
-def test_a_demo_that_was_killed_says_what_to_delete(cfid: Cfid, tmp_path: Path) -> None:
-    folder = tmp_path / "demo"
-    running = subprocess.Popen(command(folder), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    deadline_s = time.monotonic() + 60
-    while not (folder / "rig.toml").exists() and time.monotonic() < deadline_s:
-        time.sleep(0.02)
-    os.kill(running.pid, signal.SIGKILL)
-    running.wait()
-    again = cfid("demo", folder)
-
-    assert again.returncode == 2
-    assert "delete it" in again.stderr
 
 
 def test_a_truth_that_is_none_makes_no_folder(cfid: Cfid, tmp_path: Path) -> None:

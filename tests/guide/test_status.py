@@ -3,8 +3,6 @@
 import contextlib
 import hashlib
 import json
-import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -160,21 +158,6 @@ def test_every_mount_is_asked_for_in_a_drawn_order_and_the_first_once_more(folde
     assert len(orders) > 3
 
 
-def test_the_order_of_mounts_is_that_of_the_seed_in_rig_toml_whatever_the_folder(cfid: Cfid, folder: Path) -> None:
-    text = (folder / "rig.toml").read_text()
-    for name, content in (("b1", text), ("b2", text), ("c1", re.sub("seed = .*\n", "", text))):
-        (folder.with_name(name)).mkdir()
-        (folder.with_name(name) / "rig.toml").write_text(content)
-    shutil.copytree(folder.with_name("c1"), folder.with_name("c2"))
-    for number in range(4):
-        assert cfid("new", f"other{number}").returncode == 0
-
-    assert asked(folder.with_name("b1")) == asked(folder.with_name("b2")) == asked(folder)
-    assert asked(folder.with_name("c1")) == asked(folder.with_name("c2"))
-    seeds = {load_rig(folder.with_name(f"other{number}") / "rig.toml").campaign.seed for number in range(4)}
-    assert len(seeds) > 2
-
-
 def test_the_mount_that_was_swung_about_first_is_the_one_to_repeat(folder: Path) -> None:
     mounts = drawn(folder)
     swing(folder, mounts[1], minute=-1, body="testbody")
@@ -252,18 +235,6 @@ def test_a_swing_that_was_excluded_after_the_fit_is_recorded_again_before_the_ne
     assert asked(folder) == ("fit", "inertia")
 
 
-def test_a_matrix_of_six_swings_is_accepted_and_a_seventh_is_offered(folder: Path) -> None:
-    axes = swung(folder)
-    shutil.rmtree(runs_of(folder)[-1])
-    assert (task(folder).state, task(folder).recorded) == ("missing", 6)
-
-    fitted(folder)
-    status = status_of(open_campaign(folder), kind="inertia")
-    assert status.tasks[0].state == "accepted"
-    assert status.next.words != swing_again(axes[0])
-    assert f"--axis {axes[0]}" in status.remarks[0]
-
-
 def test_a_fit_that_was_rejected_as_a_whole_is_not_offered_again_until_something_was_recorded(folder: Path) -> None:
     axes = swung(folder)
     runs = runs_of(folder)
@@ -282,16 +253,6 @@ def test_a_fit_that_was_rejected_as_a_whole_is_not_offered_again_until_something
     swing(folder, axes[0], minute=100)
     amend_run(read_run(runs[0]), excluded="the mount stayed")
     assert asked(folder) == ("fit", "inertia")
-
-
-def test_a_rejected_fit_changes_nothing_where_an_accepted_one_of_the_same_runs_counts(folder: Path) -> None:
-    swung(folder)
-    fitted(folder)
-    refused(folder, runs_of(folder))
-    assert task(folder).state == "accepted"
-
-    fitted(folder, found=datetime.now(UTC) + timedelta(hours=1))
-    assert task(folder).state == "accepted"
 
 
 @pytest.mark.parametrize("runs", [(), ("*_x",)])
@@ -319,13 +280,6 @@ def test_a_rejected_matrix_is_recorded_again_and_another_rejected_quantity_is_no
 
     fitted(folder, rejected="the cable was stiff", key="inertia.axis_kg_m2.x")
     assert task(folder).state == "accepted"
-
-
-def test_a_fit_that_no_plan_asks_for_is_named(cfid: Cfid, folder: Path) -> None:
-    fitted(folder)
-    keep(folder, "flight", open_campaign(folder).values().sections()["inertia"])
-
-    assert json.loads(cfid("status", "--kind", "inertia", "--json", folder=folder).stdout)["beside"] == ["flight"]
 
 
 # How certain a number is
@@ -443,15 +397,6 @@ def test_a_sine_of_no_use_is_played_again_and_one_that_was_excluded_only_on_requ
     assert resumed().stdout.startswith("2 sines of ")
 
     amend_run(second, excluded="too fast for this cell")
-    assert tf(folder).state == "not fitted"
-
-
-def test_sines_of_no_known_series_or_above_the_cutoff_are_not_played_for_ever(folder: Path) -> None:
-    sine(folder, 2, minute=0)
-    assert tf(folder).state == "not fitted"
-
-    sine(folder, 5, minute=1, planned=[5, 120])
-    amend_run(sine(folder, 120, minute=2, planned=[5, 120]), verdict=USELESS)
     assert tf(folder).state == "not fitted"
 
 
