@@ -106,7 +106,7 @@ class Joint:
 def joint_of(fits: Sequence[tuple[Section, Sequence[str]]]) -> Joint:
     """Return the joint distribution of some parameters of fits; each parameter is taken from only one fit.
 
-    Raises DataError for a covariance that contradicts the std of its parameter, and for a std whose square overflows.
+    Raises DataError for a covariance that contradicts the std of its parameter.
     """
     values = {key: plain(section.parameters[key].value) for section, keys in fits for key in keys}
     stds = {key: _std(section, key) for section, keys in fits for key in keys}
@@ -115,10 +115,7 @@ def joint_of(fits: Sequence[tuple[Section, Sequence[str]]]) -> Joint:
     size = int(ends[-1]) if stds else 0
     covariance = _shared(fits, places, size)
     for key, rows in places.items():  # a parameter's own uncertainty contains its causes
-        with np.errstate(over="ignore"):
-            covariance[np.ix_(rows, rows)] = np.diag(stds[key] ** 2)
-        if not np.isfinite(covariance[np.ix_(rows, rows)]).all():
-            raise DataError(f"the std of {key} is too large to be one: its square is no number.")
+        covariance[np.ix_(rows, rows)] = np.diag(stds[key] ** 2)
     covered: set[str] = set()
     for section, keys in fits:
         for block in section.covariance:

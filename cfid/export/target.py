@@ -21,7 +21,6 @@ from cfid.records.values import Values
 
 FOLDER = "exports"  # in a campaign's folder: exported files, and templates of its own
 _SIGNED = ("tf.delay_s",)  # negative where the force is earlier than its stamped input
-_LARGEST = 200_000  # characters of a template
 _MARKS = (  # the worst first
     "REJECTED", "IMPLAUSIBLE", "OUTDATED", "SIMULATED",
     "NO HOVERING", "EXTRAPOLATED", "OTHER RIG", "PRESET BY cfid new",
@@ -120,11 +119,7 @@ def _own(path: Path) -> Target:
     if path.stem in _shipped():
         raise ConfigError(f"{path}: cfid has a target {path.stem}: give the template another name.")
     try:
-        with path.open(encoding="utf-8") as file:
-            text = file.read(_LARGEST + 1)
-        if len(text) > _LARGEST:
-            raise ConfigError(f"{path}: longer than {_LARGEST} characters.")
-        target = _target(path.stem, text, own=True)
+        target = _target(path.stem, path.read_text(encoding="utf-8"), own=True)
     except ValidationError as error:
         raise ConfigError(f"{path}: head: {first_fault(error, {})}") from None
     except (OSError, ValueError, RecursionError) as error:  # text that is no UTF-8 or no TOML, too

@@ -5,21 +5,20 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from pathlib import Path, PurePath
+from pathlib import PurePath
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from scipy.special import ndtr, ndtri, stdtr, stdtrit
 
-from cfid.errors import CfidError, DataError
+from cfid.errors import CfidError
 from cfid.estimate.propagation import Repeats, repeats
 from cfid.findings import Finding, warning
 from cfid.quantities.registry import find
 from cfid.records import lab_book
 from cfid.records.campaign import open_campaign
-from cfid.records.files import sha256_of
-from cfid.records.parameters import Section, Source
+from cfid.records.parameters import Section
 from cfid.records.run import Run, list_runs
 
 Array = npt.NDArray[np.float64]
@@ -27,7 +26,6 @@ Array = npt.NDArray[np.float64]
 FEWEST = 5  # values, for one of them to be called an outlier
 _FALSE = 0.01  # share of numbers without outliers of which one is named
 _CERTAIN = 0.995  # confidence in a drift on one side: 99 % for both sides
-_LARGEST = 1e60  # of numbers that can be compared: the square of an edited one could overflow
 _START_IN_NAME = "%Y-%m-%d_%H%M%S"  # the start of a run, in its name
 
 
@@ -105,10 +103,8 @@ def summarise(folder: str) -> Summary | CfidError:
         by_fit = values.by_fit
     except CfidError as error:
         return error
-    known, findings = (
-        [],
-        [warning("run-unreadable", f"{run} It does not count.") for run in listed if not isinstance(run, Run)],
-    )
+    known = list[KnownValue]()
+    findings = [warning("run-unreadable", f"{run} It does not count.") for run in listed if not isinstance(run, Run)]
     for fit, quantities in by_fit.items():
         recorded, axis = _recorded(fit.section), fit.name.partition(" ")[2]
         for quantity in quantities:
@@ -116,15 +112,14 @@ def summarise(folder: str) -> Summary | CfidError:
                 if number.value is None:
                     continue
                 value, std = float(number.value), None if number.std is None else float(number.std)
-                if abs(value) < _LARGEST and (not std or 1 / _LARGEST < std < _LARGEST):
-                    name = f"{number.name} ({axis})" if axis else number.name  # fits such as `swing x` share names
-                    row, unit = find(quantity.key), quantity.parameter.unit
-                    is_main = row is not None and row.aim is not None
-                    known.append(KnownValue(name, value, std, unit, recorded, quantity.accepted, is_main))
-                else:
-                    stated = f"{number.name} is {value:g}" if std is None else f"{number.name} is {value:g} +- {std:g}"
-                    findings.append(warning("number-not-compared", f"{stated}, which nobody measured: it is left out."))
+                name = f"{number.name} ({axis})" if axis else number.name  # fits such as `swing x` share names
+                row, unit = find(quantity.key), quantity.parameter.unit
+                is_main = row is not None and row.aim is not None
+                known.append(KnownValue(name, value, std, unit, recorded, quantity.accepted, is_main))
+        findings += [warning("fit-outdated", f"{fit.stem}: {reason}") for reason in values.outdated(fit)]
     sources = sorted({source for fit in by_fit for source in fit.section.sources}, key=lambda source: source.path)
+    missing = [source.path for source in sources if not (campaign.folder / source.path).exists()]
+    findings += [warning("source-missing", f"{path} is missing.") for path in missing]
     complete = sum(run.header.state == "complete" for run in runs)
     return Summary(
         folder=folder,
@@ -134,7 +129,7 @@ def summarise(folder: str) -> Summary | CfidError:
         other_runs=len(listed) - complete,
         known=tuple(known),
         lab_book=lab_book.summary(runs),
-        findings=(*findings, *filter(None, (_source_finding(campaign.folder, source) for source in sources))),
+        findings=tuple(findings),
         recordings=frozenset(source.sha256 for source in sources),
     )
 
@@ -231,11 +226,3 @@ def _recorded(section: Section) -> datetime:
             name = PurePath(source.path).parent.name[: len("2026-11-21_083012")]
             times.append(datetime.strptime(name, _START_IN_NAME).replace(tzinfo=UTC))
     return max(times, default=section.found)
-
-
-def _source_finding(folder: Path, source: Source) -> Finding | None:
-    try:
-        same = sha256_of(folder / source.path) == source.sha256
-    except DataError:
-        return warning("source-missing", f"{source.path} is missing.")
-    return None if same else warning("source-changed", f"{source.path} has changed since it was fitted.")

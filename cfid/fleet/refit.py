@@ -197,7 +197,6 @@ def _repeat(fit: Fit, campaign: Campaign, target: Campaign, changes: Mapping[str
     notes = {
         "left out, since excluded": excluded,
         "changed since it was fitted": [] if excluded else changed,
-        f"moved by {_FARTHEST:g} of the kept std or more": [name for move, name in moves if move == _FARTHEST],
     }
     moved, most = max(moves, default=(None, ""))
     texts = tuple(f"{text}: {', '.join(names)}." for text, names in notes.items() if names)

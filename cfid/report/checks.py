@@ -5,7 +5,7 @@ quantities and quantities without a standard uncertainty are not compared.
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from itertools import combinations
 from typing import Any, NamedTuple
 
@@ -183,15 +183,12 @@ def _with_scatter(values: list[float], stds: list[float]) -> UFloat:
 
 def _skew(values: Values) -> UFloat | None:
     """Return the rate of the vehicle's clock from crossings, which may scatter from run to run."""
-    series = values.in_force["tf"].quality.get("series") if "tf" in values.in_force else None
-    tables = [table for table in series.values() if isinstance(table, Mapping)] if isinstance(series, Mapping) else []
-    columns = [(table.get("clock_skew"), table.get("clock_skew_std")) for table in tables]
+    series: Any = values.in_force["tf"].quality.get("series", {}) if "tf" in values.in_force else {}
     skews = [
         (skew, std)
-        for of_runs, stds in columns
-        if isinstance(of_runs, list) and isinstance(stds, list)
-        for skew, std in zip(of_runs, stds, strict=False)
-        if is_number(skew) and is_number(std) and abs(skew) < 1 and 0 <= std < 1
+        for table in series.values()
+        for skew, std in zip(table.get("clock_skew") or (), table.get("clock_skew_std") or (), strict=False)
+        if is_number(skew) and is_number(std)
     ]
     return _with_scatter([skew for skew, _ in skews], [std for _, std in skews]) if skews else None
 

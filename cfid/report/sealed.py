@@ -11,7 +11,6 @@ from pathlib import Path
 from cfid.records.files import check_regular, write_files
 from cfid.version import __version__
 
-_LARGEST = 1 << 28  # bytes; no report is as large as this
 _ZEROS = "0" * 64
 MARK = f"cfid {__version__} report {_ZEROS}"  # a renderer writes this once
 _MARK = re.compile(rb"(cfid [\w.+-]+ report )([0-9a-f]{64})")
@@ -32,7 +31,7 @@ def write_report(path: Path, text: str, *, force: bool = False) -> None:
 def _is_ours(path: Path) -> bool:
     """Return whether a file is an unchanged report. Raises OSError for an unreadable file, a pipe or a device."""
     check_regular(path)
-    content = path.read_bytes() if path.stat().st_size <= _LARGEST else b""
+    content = path.read_bytes()
     mark = _MARK.search(content)
     if mark is None:
         return False

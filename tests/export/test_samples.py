@@ -144,9 +144,8 @@ def test_of_a_covariance_with_more_in_it_the_part_that_is_wanted_is_taken() -> N
     [
         [fit_of({name: (1.0, 0.1)}, common={"arm": {name: [0.3]}}) for name in ("a_m", "b_m")],
         [fit_of({"motor.torque_poly": ([6e-3, 1e-5], [1e-5, 1e-6])}, covariance=np.diag([4e-10, 1e-12]))],
-        [fit_of({"arm_m": (0.046, 1e308)})],
     ],
-    ids=["causes beyond the std", "a diagonal beyond the std", "a std whose square overflows"],
+    ids=["causes beyond the std", "a diagonal beyond the std"],
 )
 def test_uncertainties_that_contradict_each_other_are_refused(fits: Sequence[Section]) -> None:
     with pytest.raises(DataError):

@@ -107,19 +107,6 @@ def test_clocks_are_compared(campaign: Campaign, skew: float, agreed: bool) -> N
     assert pair["second_std"] == pytest.approx(np.hypot(2e-6, 1e-6))  # the scatter of crossings, and their own
 
 
-@pytest.mark.parametrize(
-    "series",
-    [5, {"a": 1}, {"a": {"clock_skew": 5}}, {"a": {"clock_skew": ["x", None], "clock_skew_std": [1, 1]}}],
-)
-def test_an_edited_quality_is_not_compared_and_breaks_no_report(campaign: Campaign, series: Any) -> None:
-    put(
-        campaign, "tf", {"tf.time_constant_s": of(0.06, 0.001)}, quality={"series": series, "verification_gain": series}
-    )
-    put(campaign, "latency", {"latency.clock_skew": of(0.0, 1e-6)})
-
-    assert compared(campaign, "Rate of the vehicle's clock") == []
-
-
 def test_steps_count_with_their_scatter_and_their_own_uncertainty(campaign: Campaign) -> None:
     tf(campaign)
     steps = [{"time_constant_s": value, "std_s": 0.002, "accepted": True} for value in (0.055, 0.06, 0.065)]
