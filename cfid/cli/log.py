@@ -128,7 +128,7 @@ def loadcell(
         label=with_load(label_of(axis, weight, body, note, rig.campaign), pull, at_mm),
         for_s=None if for_s is None else positive(for_s, "--for"),
         simulated=rig.simulated,
-        facts=rig.campaign.rig.facts,
+        facts=rig.campaign.rig.facts.of("loadcell", "scales"),
     )
     if dry_run:
         rehearse("the load cell", plan.runs_folder, plan.for_s)

@@ -35,6 +35,12 @@ Ask = Callable[[int], Awaitable[float | Answer | None]]  # a reading; None leave
 Resumed = Callable[[int], Awaitable[object]]  # done when the operator resumes a command after a pause
 Undone = Callable[[], Awaitable[bool]]  # whether the operator takes the last reading back before the end
 
+_RESTS_ON = {  # the facts of the rig that a fit takes with a run, by its kind
+    "thrust": ("loadcell",),
+    "speed": ("tachometer",),
+    "scales": ("scales",),
+    "wind": ("loadcell", "tachometer", "wind"),
+}
 _ROWS_A_SECOND = 200  # of the vehicle's log and the instruments together
 _LAST = "Enter ends, u undoes {value:g}"
 _FZ = 3  # among the columns of a load cell's rows, `t` the first
@@ -173,7 +179,7 @@ def _record(
             procedure=procedure_of(staircase, question, live, expected, tare=loadcell is not None),
             lasts_s=staircase.duration_s if staircase.wait_s is None else None,  # nobody knows how long typing takes
             asks=question is not None,
-            facts=stated.facts,
+            facts=stated.facts.of(*_RESTS_ON[wanted.kind]),
             requested={**staircase.to_run(), **wanted.requested},
             simulated=rig.simulated,
         )

@@ -4,6 +4,7 @@ import contextlib
 import errno
 import hashlib
 import os
+import re
 import secrets
 import stat
 import tomllib
@@ -23,6 +24,12 @@ FITS_FOLDER = "fits"
 
 _BEGINNING = 50  # characters of a name, at most four bytes each: a file's name has at most 255 bytes
 _LARGEST = 1 << 26  # bytes
+# Only arrays have a line that ends after "[" or a comma: what is written for their ends, beginnings and middles.
+_IN_ARRAYS = (
+    (re.compile(r",\n *(?=\])"), ""),
+    (re.compile(r"\[\n +"), "["),
+    (re.compile(r",\n +"), ", "),
+)
 
 
 def write_whole(path: Path, content: bytes, *, synced: bool = True) -> None:
@@ -173,11 +180,14 @@ def write_toml(path: Path, content: Mapping[str, Any]) -> None:
 
 
 def toml_bytes(content: Mapping[str, Any]) -> bytes:
-    """Return a TOML file's bytes.
+    """Return a TOML file's bytes, with each array on one line.
 
     A file name that is not UTF-8 gets a question mark for each invalid byte, so that the file stays readable.
     """
-    return tomli_w.dumps(content).encode("utf-8", "replace")
+    text = tomli_w.dumps(content)
+    for pattern, written in _IN_ARRAYS:
+        text = pattern.sub(written, text)
+    return text.encode("utf-8", "replace")
 
 
 def check_format(path: Path, found: Any, *, newest: int, oldest: int = 1) -> None:

@@ -121,6 +121,10 @@ class RigFacts(RigTable):
         mine = {name: getattr(facts, name).model_copy(update=table) for name, table in self.stated.items()}
         return facts.model_copy(update=mine)
 
+    def of(self, *tables: str) -> "RigFacts":
+        """Return the facts of some tables, and the lab book: what a recording with these instruments rests on."""
+        return RigFacts(**{name: getattr(self, name) for name in (*tables, "lab_book")})
+
     @property
     def stated(self) -> dict[str, Any]:
         """The facts that were stated, by table."""

@@ -395,15 +395,14 @@ def folders_without_run(runs_folder: Path) -> list[Path]:
 
 
 def write_header(folder: Path, header: RunHeader) -> None:
-    """Write run.toml atomically. Raises OSError."""
+    """Write run.toml atomically, without what is empty. Raises OSError."""
     content = header.model_dump(mode="json", exclude_none=True, by_alias=True)
     content["started"] = header.started
     for device in content["devices"].values():
         device.setdefault("lost", UNKNOWN)
-    content.pop("rig")
-    if header.rig.stated:
-        content["rig"] = header.rig.stated
-    write_toml(folder / RUN_FILE, content)
+    del content["rig"]  # it goes to the end
+    content["rig"] = header.rig.stated
+    write_toml(folder / RUN_FILE, {name: value for name, value in content.items() if value not in ("", {})})
 
 
 class Gap(BaseModel):

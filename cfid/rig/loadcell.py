@@ -30,6 +30,8 @@ _BROKEN_S = 0.4  # without a record while motors run, after which they are stopp
 _ABSENT_S = 3.0  # of silence at the start, after which the stream is given up
 _DEAD_S = 10.0  # of silence later on, which leaves time to plug a cable in again
 _STOPS = 5
+# Settings of the box that stand beside them in run.toml, or that no fit asks for.
+_BESIDE = {"force_unit", "torque_unit", "rdt_enabled", "rate_hz"}
 
 
 def resolved(box: LoadCellBox, hardware: Hardware) -> LoadCellBox:
@@ -205,7 +207,7 @@ class LoadCell(Instrument):
                 "rate_hz": settings.rate_hz,
                 "biased": biased,
                 "address": self._where,
-                "settings": settings._asdict(),
+                "settings": {name: value for name, value in settings._asdict().items() if name not in _BESIDE},
             }
         )
         self.reading = vertical_force(settings.counts_per_n)

@@ -163,8 +163,6 @@ class ReadyVehicle:
         common = {
             "uri": self.uri,
             "firmware": self.firmware.kind,
-            "crtp_version": self.vehicle.link.firmware_protocol,
-            "ports": self.firmware.ports._asdict(),
         }
         return DeviceRecord.model_validate({"file": file, "columns": tuple(columns), **common, **more})
 

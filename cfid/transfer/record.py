@@ -133,7 +133,7 @@ def plan_sine(
             sine.request(), there["crossings"], before_s=before_s, hardware=hardware, tell=tell
         ),
         tare_s=before_s,
-        facts=campaign.rig.facts,
+        facts=campaign.rig.facts.of("loadcell"),
         requested=sine.to_run(),
         simulated=simulated,
     )
