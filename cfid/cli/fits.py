@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.box import SIMPLE
+from rich.console import Console
 from rich.table import Column, Table
 
 from cfid.console.campaign import here, write_parameters
 from cfid.console.messages import echo, note, print_json, printable
 from cfid.console.program import program
-from cfid.console.tables import print_table
 from cfid.errors import ConfigError, DataError, FitError
 from cfid.fleet.refit import again, moves_of, options_of
 from cfid.records.fits import is_withdrawn, list_fits, withdraw
@@ -62,7 +62,10 @@ def show_fits(context: typer.Context) -> None:
     for fit, count, state in rows:
         cells = (fit.stem, f"{fit.section.found:%Y-%m-%d %H:%M}", str(len(fit.recordings)), str(count), state)
         table.add_row(*map(printable, cells))
-    print_table(table) if rows else echo("no fits yet: `cfid fit --help` lists them.")
+    if rows:
+        Console().print(table)
+    else:
+        echo("no fits yet: `cfid fit --help` lists them.")
 
 
 def drop(words: Annotated[list[str], typer.Argument(metavar="FIT ...", help="Names or numbers of fits.")]) -> None:

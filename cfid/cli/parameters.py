@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.box import SIMPLE
+from rich.console import Console
 from rich.table import Column, Table
 
 from cfid.console.campaign import here, write_parameters
 from cfid.console.messages import echo, note, print_json
 from cfid.console.program import program
-from cfid.console.tables import print_parameters, print_table
+from cfid.console.tables import print_parameters
 from cfid.errors import ConfigError
 from cfid.estimate.voltage_cubic import cubic_fault
 from cfid.quantities.plausible import implausible
@@ -111,7 +112,7 @@ def _print_candidates(values: "Values", key: str) -> None:
         value, std = ("\n".join(column) for column in zip(*texts, strict=True)) if texts else ("-", "-")
         over_aim = "-" if each.over_aim is None else f"{each.over_aim:.2g}"
         table.add_row(each.fit.stem, value, std, over_aim, "yes" if each.taken else "no", each.why)
-    print_table(table)
+    Console().print(table)
 
 
 def set_by_hand(

@@ -5,6 +5,7 @@ from typing import Annotated, Any
 
 import typer
 from rich.box import SIMPLE
+from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
@@ -13,7 +14,6 @@ from cfid.console.messages import echo, print_json, printable
 from cfid.console.messages import note as print_note
 from cfid.console.program import program
 from cfid.console.selection import name_other_folders, note_left_out, readable_runs
-from cfid.console.tables import print_table
 from cfid.errors import ConfigError, DataError
 from cfid.records.choose import choose_one, is_glob, is_last, is_named, lasts
 from cfid.records.files import RUN_FILE
@@ -125,7 +125,7 @@ def _print_runs(runs: list[Run | DataError]) -> None:
         note = "; ".join(filter(None, [", ".join(words.get(run.folder.name, [])), row["note"]]))
         cells = (row["run"], run.outcome, row["rows"], row["lost"], note)
         table.add_row(*(Text(printable(str(cell))) for cell in cells))
-    print_table(table)
+    Console().print(table)
     for sentence in broken:
         print_note(sentence)
 

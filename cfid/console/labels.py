@@ -11,7 +11,6 @@ from cfid.records.run import Label
 
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
-    from cfid.records.run import Label
 
 LABEL = "What is recorded"
 
@@ -62,7 +61,7 @@ def kind_of_angles(axis: str | None, weight: str | None) -> str:
 
 def label_of(
     axis: str | None, weight: str | None, body: str | None, note: str | None, campaign: "Campaign | None"
-) -> "Label":
+) -> Label:
     """Return a run's label, checked against rig.toml, so that a misspelt mount is found before the recording starts.
 
     Without a campaign, no mount is known that it could be checked against.
@@ -83,7 +82,7 @@ def label_of(
     return Label(axis=axis, weight_g=mass.value, weight_std_g=mass.std, body=body, note=note)
 
 
-def with_load(label: "Label", pull: str | None, at_mm: str | None) -> "Label":
+def with_load(label: Label, pull: str | None, at_mm: str | None) -> Label:
     """Return the label with a known load on the load cell, for `cfid fit loadcell`.
 
     Raises ConfigError for a place or a weight that lacks a required option.

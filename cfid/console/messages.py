@@ -13,8 +13,6 @@ from typing import Any
 
 import typer
 
-_NARROWEST = 20
-_OF_A_NARROW_ONE = 8  # the width of a narrow terminal is this many times its indent
 _HEAD = len("note: ")  # as long as `cfid: `, so that later lines are aligned with the text
 _SETTING = re.compile(r"`([a-z]\w*)`")
 # Every other option is its setting's name with hyphens.
@@ -151,9 +149,6 @@ def fitted(text: str, *, indent: int = 0, err: bool = False) -> str:
         return text
     if not columns:
         return text
-    if indent + _NARROWEST > columns:  # whole words matter more than alignment
-        indent = columns // _OF_A_NARROW_ONE
-        text = re.sub(f"^ {{{indent},}}", " " * indent, text, flags=re.MULTILINE)
     wrapper = textwrap.TextWrapper(
         columns, subsequent_indent=" " * indent, break_long_words=False, break_on_hyphens=False
     )

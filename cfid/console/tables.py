@@ -6,13 +6,9 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from cfid.console.messages import echo, fitted, printable
+from cfid.console.messages import printable
 from cfid.quantities.rounding import value_and_std
 from cfid.records.parameters import Parameter
-
-UNLIMITED = 10_000  # columns: more than any table needs
-
-_NARROW = 60  # columns: on fewer, a table may have to break words
 
 
 def print_parameters(parameters: Mapping[str, Parameter], *, title: str) -> None:
@@ -28,21 +24,4 @@ def print_parameters(parameters: Mapping[str, Parameter], *, title: str) -> None
             cells = (one.name, *value_and_std(one.value, one.std), parameter.unit)
             table.add_row(*(Text(printable(cell)) for cell in cells))
     if table.row_count:
-        print_table(table)
-
-
-def print_table(table: Table, *, narrow: int = _NARROW) -> None:
-    """Print a table; on a terminal with fewer than `narrow` columns that would break words, print each row as lines."""
-    console = Console()
-    unlimited = console.options.update(max_width=UNLIMITED)
-    if console.width >= narrow or console.measure(table, options=unlimited).minimum <= console.width:
-        console.print(table)
-        return
-    if table.title:
-        echo(str(table.title))
-    for row in zip(*(column.cells for column in table.columns), strict=True):
-        echo()
-        for column, cell in zip(table.columns, row, strict=True):
-            if text := str(cell):
-                echo(fitted(f"{column.header}: {'; '.join(text.splitlines())}", indent=2))
-    echo()
+        Console().print(table)

@@ -10,12 +10,12 @@ from typing import Annotated, Any, Literal
 
 import typer
 from rich.box import SIMPLE
+from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from cfid.console.messages import echo, note, print_json, printable
 from cfid.console.program import program
-from cfid.console.tables import print_table
 from cfid.counted import counted
 from cfid.errors import CfidError, ConfigError, DataError, FitError
 from cfid.estimate.propagation import Repeats
@@ -151,7 +151,7 @@ def _print_screen(numbers: Sequence[ComparedNumber], summaries: Sequence[Summary
     table.add_column("outliers", overflow="fold")
     for number in ([*differing, *others_with_aim] or numbers)[:_MOST_LINES]:
         table.add_row(*(Text(printable(cell)) for cell in _cells(number)))
-    print_table(table)
+    Console().print(table)
     more = len(numbers) - table.row_count
     if more:
         echo(f"and {counted(more, 'other number')}: write the table to a file, or print JSON.")
@@ -266,4 +266,4 @@ def _print_summary(results: Mapping[str, Mapping[str, Any]]) -> None:
         counts = len(made), len(outcomes) - len(made), sum(move >= _MOVED for move, _, _ in moves)
         cells = (name, *map(str, counts), f"{farthest:.2g} std" if moves else "0", key, where)
         table.add_row(*(Text(printable(cell)) for cell in cells))
-    print_table(table)
+    Console().print(table)

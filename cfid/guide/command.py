@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 from rich.box import SIMPLE
+from rich.console import Console
 from rich.table import Table
 
 from cfid.console.campaign import here, note_unreadable_fits
 from cfid.console.messages import ask, echo, fitted, note, print_json, printable
 from cfid.console.processes import cfid_command
 from cfid.console.program import program
-from cfid.console.tables import print_table
 from cfid.errors import ConfigError
 from cfid.guide.certainty import percent
 from cfid.guide.status import status_of
@@ -115,7 +115,7 @@ def _print(found: "Status") -> None:
         sure = "\n".join(percent(certainty.std) for certainty in status.found)
         purposes = "\n".join(certainty.aim.purpose for certainty in status.found)
         table.add_row(status.task.section, runs, status.state, sure, purposes)
-    print_table(table)
+    Console().print(table)
     for sentence in found.remarks:
         echo(fitted(printable(sentence), indent=6))
     if found.beside:

@@ -62,7 +62,7 @@ def message_above_a_live_line() -> None:
 @pytest.mark.parametrize(
     ("speak", "err", "columns"),
     [
-        (check, False, 40),
+        (check, False, 80),
         (message_above_a_live_line, True, 80),
     ],
 )
