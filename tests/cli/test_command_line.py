@@ -1,6 +1,5 @@
 """How the program starts and ends: quickly, and with one sentence for an error."""
 
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -32,19 +31,6 @@ def test_a_fit_that_draws_nothing_does_not_wait_for_matplotlib() -> None:
     assert ended.stdout.strip().endswith("loaded: ['cfid.inertia.result']"), ended.stderr
 
 
-def test_a_warning_of_a_library_is_a_sentence_without_a_place_in_its_source() -> None:
-    words = (
-        "import warnings\nfrom cfid.cli import main\n"
-        "def app(words, prog_name):\n"
-        "    warnings.warn('invalid value in divide\\n  ret = x / y', RuntimeWarning)\n"
-        "    warnings.warn('np.old is gone', FutureWarning)\n"
-        "main.app = app\nmain.main([])\n"
-    )
-    ended = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True, check=True)
-
-    assert ended.stderr.strip() == "note: a library that cfid uses warns: invalid value in divide."
-
-
 def test_an_error_is_one_sentence_on_stderr_and_nothing_on_stdout(cfid: Cfid) -> None:
     ended = cfid("fit", "swing", "missing.csv")
 
@@ -69,14 +55,3 @@ def test_an_output_that_cannot_be_written_ends_in_a_sentence(words: tuple[str, .
         ended = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     assert ended.returncode == 1
     assert ended.stderr == "cfid: the output cannot be written: No space left on device.\n"
-
-
-def test_a_terminal_that_was_closed_ends_a_command_without_a_traceback() -> None:
-    pty = pytest.importorskip("pty", reason="terminals of Unix")
-    far, near = pty.openpty()
-    os.close(far)
-    command = [sys.executable, "-m", "cfid.cli.main", "export", "--help"]
-    ended = subprocess.run(command, stdout=near, stderr=subprocess.PIPE, text=True, check=False)
-    os.close(near)
-    assert ended.returncode == 1
-    assert ended.stderr == "cfid: the output cannot be written: Input/output error.\n"

@@ -215,27 +215,6 @@ def test_a_terminal_shows_a_line_that_lives_and_never_wraps_in_80_columns_where_
     assert shown.rstrip("\r\a").rpartition("\r")[2].strip() == ""  # the live line is erased
 
 
-@BOTH
-def test_a_silent_device_shows_for_how_long_in_place_of_its_last_value(
-    lab: Lab, terminal: Terminal, device: str
-) -> None:
-    log = lab.start("log", device, stderr=terminal.file)
-    log.go_on_for(3)
-    suffers = lab.encoder_suffers if device == "encoder" else lab.loadcell_suffers
-    suffers(silent_after_s=0)
-    log.go_on_for(2.3)
-    before, _, silent = terminal.shown().partition("no data")
-    suffers()
-    log.go_on_for(2)
-    log.ask_to_end()
-    sound = terminal.shown().rpartition("no data")[2]
-
-    assert re.search("deg|mN", before)
-    assert re.search(rf"{device}: no data [12]\.\d s", silent)
-    assert not re.search("deg|mN", silent)
-    assert re.search("deg|mN", sound)
-
-
 @pytest.mark.parametrize(("words", "bells"), [((), 1), (("--quiet",), 0)])
 def test_the_line_counts_down_to_a_known_end_and_a_bell_calls_the_operator(
     lab: Lab, terminal: Terminal, words: tuple[str, ...], bells: int

@@ -72,18 +72,6 @@ def test_a_campaign_is_fitted_shown_reported_and_exported(bodies: Path) -> None:
     assert (bodies / "vehicle.json").exists()
 
 
-@pytest.mark.parametrize(
-    "command",
-    ["log encoder", "rig check", "rig sim", "motors stop"],
-)
-def test_what_reaches_devices_names_what_is_missing(bodies: Path, command: str) -> None:
-    ended = without_posix(command, folder=bodies)
-
-    assert ended.returncode == 3
-    assert "fcntl, pwd, termios, tty" in ended.stderr
-    assert ended.stdout == ""
-
-
 # Ctrl-C
 
 

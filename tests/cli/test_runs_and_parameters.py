@@ -58,16 +58,6 @@ def test_without_a_word_all_complete_runs_of_the_kind_are_taken_and_the_others_n
     assert capsys.readouterr().err == f"note: takes 2 complete drops; left out: {second} (interrupted).\n"
 
 
-@pytest.mark.parametrize("given", [[], ["last"], ["*drop*"]])
-def test_a_run_that_cannot_be_read_is_told(
-    campaign: Campaign, given: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    first = names(campaign)[0]
-    (campaign.runs_folder / first / "run.toml").write_text("kind = ")
-    assert first not in words(campaign, *given)
-    assert f"a run is left out: {campaign.runs_folder / first}" in capsys.readouterr().err
-
-
 def test_a_folder_that_is_no_run_is_refused_by_name_and_left_out_by_a_glob_of_commands_that_take_one_run(
     campaign: Campaign, cfid: Cfid
 ) -> None:

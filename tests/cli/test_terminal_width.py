@@ -8,22 +8,17 @@ from pathlib import Path
 
 import pytest
 
-from cfid.cli.rig import report_answers
 from cfid.console.inputs import open_workplace
-from cfid.console.live import LiveLine
 from cfid.console.messages import fault, note
 from cfid.console.outcome import Delivery, deliver
 from cfid.console.program import Program, running
-from cfid.errors import DeviceError
 from cfid.findings import warning
 from cfid.records.parameters import Parameter
 from cfid.records.result import Result
 from cfid.records.run import Run, list_runs
-from cfid.rig.check import DeviceAnswer
 from tests.terminal import COLUMNS, Terminal
 
 LONG = "the waveform differs from a pendulum's by 2.4 % of the release angle (limit 0.16 %): a cable. " * 3
-ANSWER = DeviceAnswer("other lines", "fault", "0.12, 0.34, 1.2 mN; 0.012, 0.034 mNm, at 137 Hz", LONG.strip())
 
 
 @pytest.fixture
@@ -46,32 +41,6 @@ def first_run(folder: Path) -> Run:
 
 def joined(lines: list[str]) -> str:
     return " ".join(" ".join(lines).split())
-
-
-def check() -> None:
-    with contextlib.suppress(DeviceError):
-        report_answers("rig check", {"loadcell": [ANSWER]}, simulated=True)
-
-
-def message_above_a_live_line() -> None:
-    live = LiveLine()
-    live.tell(LONG)
-    live.end()
-
-
-@pytest.mark.parametrize(
-    ("speak", "err", "columns"),
-    [
-        (check, False, 80),
-        (message_above_a_live_line, True, 80),
-    ],
-)
-def test_what_is_said_fits_and_is_whole(terminal: Terminal, speak: Callable[[], None], err: bool, columns: int) -> None:
-    terminal.resize(columns)
-    frames = [frame for line in lines_of(terminal, speak, err=err) for frame in line.split("\r")]
-
-    assert all(len(frame) <= columns for frame in frames)
-    assert LONG.strip() in joined(frames)
 
 
 @pytest.mark.parametrize("said", [fault, note])

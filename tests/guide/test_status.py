@@ -6,7 +6,6 @@ import json
 import signal
 import subprocess
 import sys
-from collections import Counter
 from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -16,14 +15,12 @@ import numpy as np
 import pytest
 
 from cfid.console.campaign import make_campaign
-from cfid.errors import CfidError, RejectedError
+from cfid.errors import RejectedError
 from cfid.findings import rejection
 from cfid.guide.plan import Words, tasks
 from cfid.guide.status import Status, TaskStatus, status_of
-from cfid.records import run as records_run
 from cfid.records.campaign import open_campaign
 from cfid.records.covariances import Covariance
-from cfid.records.files import read_toml
 from cfid.records.parameters import Parameter, Section, Source
 from cfid.records.result import Result
 from cfid.records.rig_file import CampaignGoal, CampaignKind, load_rig
@@ -192,23 +189,6 @@ def test_a_body_on_threads_is_swung_by_its_gyro(folder: Path) -> None:
 
 
 # The state of a fit
-
-
-def test_each_run_is_read_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    swung(folder)
-    for minute in range(200, 210):
-        staircase(folder, minute=minute)
-        sine(folder, minute, minute=minute, planned=[2, 5, 8])
-    read: Counter[Path] = Counter()
-
-    def counting(path: Path, error: type[CfidError]) -> dict[str, Any]:
-        read[path] += 1
-        return read_toml(path, error)
-
-    monkeypatch.setattr(records_run, "read_toml", counting)
-
-    assert status_of(open_campaign(folder)).tasks[0].recorded == 7
-    assert list(read.values()) == [1] * 27
 
 
 def test_recorded_swings_are_fitted_and_a_fit_that_is_no_longer_current_again(folder: Path) -> None:
