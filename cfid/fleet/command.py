@@ -171,8 +171,8 @@ def _cells(number: ComparedNumber) -> tuple[str, ...]:
         remarks[0] += f" and {len(number.outliers) - _MOST_NAMES} more"
     if number.rejected:
         remarks.append(f"{len(number.rejected)} rejected")
-    if number.unstated:
-        remarks.append(f"{len(number.unstated)} without std")
+    if number.without_std:
+        remarks.append(f"{len(number.without_std)} without std")
     compared = number.repeats
     if compared is None:
         alone = next((known for known in number.values if known is not None and known.accepted), None)
@@ -198,7 +198,7 @@ def _print_findings(summaries: Sequence[Summary]) -> None:
 def _row(number: ComparedNumber) -> dict[str, Any]:
     """Return what the file and the JSON object state of a number."""
     statistics = dict.fromkeys(_STATISTICS) if number.repeats is None else asdict(number.repeats)
-    names = {"outliers": number.outliers, "rejected": number.rejected, "without_std": number.unstated}
+    names = {"outliers": number.outliers, "rejected": number.rejected, "without_std": number.without_std}
     return {
         "unit": number.unit,
         "used": number.used,

@@ -68,7 +68,7 @@ class ComparedNumber:
 
     `expected_scatter` is the standard deviation that the stated uncertainties alone would cause, None if unknown.
     `outliers` names the campaigns that lie apart from the others, `rejected` those whose number was rejected, and
-    `unstated` those whose number has no uncertainty. Numbers without an uncertainty do not count if at least two others
+    `without_std` those whose number has no uncertainty. Numbers without an uncertainty do not count if at least two others
     have one.
     """
 
@@ -81,7 +81,7 @@ class ComparedNumber:
     expected_scatter: float | None
     outliers: tuple[str, ...]
     rejected: tuple[str, ...]
-    unstated: tuple[str, ...]
+    without_std: tuple[str, ...]
 
     @property
     def drifts(self) -> bool:
@@ -179,7 +179,7 @@ def _compared(name: str, values: Sequence[KnownValue | None], campaigns: Sequenc
         expected_scatter=float(np.sqrt(np.mean(std**2))) if is_stated else None,
         outliers=tuple(counting[place][0] for place in outliers(value, std)) if is_stated else (),
         rejected=tuple(place for place, value in known if not value.accepted),
-        unstated=tuple(place for place, value in accepted if not value.std),
+        without_std=tuple(place for place, value in accepted if not value.std),
     )
 
 

@@ -108,14 +108,6 @@ def test_maps_that_the_firmware_ships_come_back(inverse: Inverse, name: str) -> 
     assert limits[0] / limits[1] == pytest.approx(7000 / 65535, rel=1e-6)  # the rule that headers follow
 
 
-def test_the_program_sees_a_map_that_stops_motors(inverse: Inverse) -> None:
-    """The map is a cubic that bends down, such as a plain fit to thrust on a sagging battery gives."""
-    volts, _ = inverse(0.00356866, 0.00724118, 0.01127234, -0.000335744, 0.0179, 0.168, 4.0)
-
-    assert np.isnan(volts).any()
-    assert "motors stop" in cubic_fault([0.00356866, 0.00724118, 0.01127234, -0.000335744])
-
-
 @pytest.mark.parametrize(
     "cubic",
     [

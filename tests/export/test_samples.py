@@ -13,7 +13,6 @@ import numpy.typing as npt
 import pytest
 
 from cfid.errors import DataError
-from cfid.estimate.voltage_cubic import cubic_fault
 from cfid.export.samples import Joint, impossible, joint_of
 from cfid.records.covariances import covariance_between
 from cfid.records.parameters import Parameter, Section
@@ -176,14 +175,6 @@ def test_uncertainties_that_contradict_each_other_are_refused(fits: Sequence[Sec
 def test_each_way_of_being_no_vehicle_is_named(key: str, value: Any) -> None:
     assert impossible(POSSIBLE) == ""
     assert impossible({**POSSIBLE, key: value}).startswith(key)
-
-
-def test_a_motor_command_that_only_rounding_lets_fall_is_no_fault_of_the_vehicle() -> None:
-    """The cubic is near the firmware's limit, with c2^2 = 0.993 * 3 c1 c3, as are half of the draws about the limit."""
-    cubic = [9.1322e-4, 0.0157323, 0.00557237, 0.000662268]
-
-    assert cubic_fault(cubic, max_thrust_n=0.16)
-    assert impossible({**POSSIBLE, "motor.thrust_voltage_poly": cubic}) == ""
 
 
 def test_a_map_is_judged_over_what_was_measured_and_reached() -> None:

@@ -9,14 +9,17 @@ from cfid.records.campaign import Campaign
 from cfid.records.fits import Fit, keep_fit
 from cfid.records.parameters import Parameter, Section, Source
 from cfid.report.build import build
+from tests.export.thesis_vehicle import (
+    CROSS_KG_PER_RAD,
+    DRAG_KG_PER_RAD,
+    INERTIA_KG_M2,
+    SPEED_POLY,
+    THRUST_POLY,
+    TORQUE_POLY,
+)
 
 NOON = datetime(2026, 11, 21, 12, tzinfo=UTC)
 
-THESIS_MATRIX = [
-    [16.571710e-6, 0.830806e-6, 0.718277e-6],
-    [0.830806e-6, 16.655602e-6, 1.800197e-6],
-    [0.718277e-6, 1.800197e-6, 29.261652e-6],
-]
 _COMPLEX = {
     "k1": ([-8.9158e-7, -8.9158e-7, -3.1574e-7], "kg/rad"),
     "k2": ([-6.8572e-5, -6.8572e-5, 5.2068e-5], "kg/m"),
@@ -25,11 +28,6 @@ _COMPLEX = {
     "k5": ([-1.8443e-6, -1.8443e-6, 4.8857e-7], "N s/rad"),
     "k6": ([6.4061e-3, 6.4061e-3, 3.0985e-3], "N"),
 }
-_CROSS = [
-    [-10.2506e-7, -0.3177e-7, -0.4332e-7],
-    [-0.3177e-7, -10.2506e-7, -0.4332e-7],
-    [-7.7050e-7, -7.7050e-7, -7.5530e-7],
-]
 
 
 def _near(value: Any) -> Any:
@@ -45,10 +43,10 @@ def number(value: Any, unit: str = "", std: Any = "near") -> Parameter:
 
 # The numbers of the thesis' appendix A, under the keys of the fits.
 APPENDIX_A: Mapping[str, Mapping[str, Parameter]] = {
-    "inertia": {"inertia.matrix_kg_m2": number(THESIS_MATRIX, "kg m^2")},
-    "thrust": {"motor.thrust_poly": number([2.130295e-11, 1.032633e-6, 5.484560e-4], "N(cmd)")},
-    "speed": {"motor.speed_poly": number([0.04076521, 380.8359], "rad/s(cmd)")},
-    "torque": {"motor.torque_poly": number([0.005964552, 1.563383e-5], "Nm(N)")},
+    "inertia": {"inertia.matrix_kg_m2": number(INERTIA_KG_M2, "kg m^2")},
+    "thrust": {"motor.thrust_poly": number(THRUST_POLY, "N(cmd)")},
+    "speed": {"motor.speed_poly": number(SPEED_POLY, "rad/s(cmd)")},
+    "torque": {"motor.torque_poly": number(TORQUE_POLY, "Nm(N)")},
     "tf": {
         "tf.numerator": number([7.2345374e-8], "N"),
         "tf.denominator": number([1.0, -0.9695404], "1"),
@@ -58,9 +56,9 @@ APPENDIX_A: Mapping[str, Mapping[str, Parameter]] = {
         "tf.delay_s": number(-0.0271, "s"),
     },
     "drag": {
-        "drag.simple_kg_per_rad": number([-9.1785e-7, -9.1785e-7, -10.311e-7], "kg/rad"),
+        "drag.simple_kg_per_rad": number(DRAG_KG_PER_RAD, "kg/rad"),
         **{f"drag.complex.{name}": number(value, unit) for name, (value, unit) in _COMPLEX.items()},
-        "drag.cross_coupling_kg_per_rad": number(_CROSS, "kg/rad"),
+        "drag.cross_coupling_kg_per_rad": number(CROSS_KG_PER_RAD, "kg/rad"),
     },
 }
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 from hashlib import sha256
 from typing import Any
 
-import pytest
 from matplotlib.figure import Figure
 
 from cfid.drawing.save import save_figure
@@ -78,17 +77,6 @@ def test_parts_of_an_uncertainty_are_a_row_a_quantity_the_largest_first(campaign
     assert tables_of(campaign)["what uncertainties come from"] == [
         ["motor.torque_poly", "gain 81 %, arm 9 %, fit 6 %, others 4 %"]
     ]
-
-
-@pytest.mark.parametrize(
-    "value",
-    [None, {}, [[]], [{}, 1], [{"a": {}}, None], {"a": {"b": [1]}}, 10**400],
-    ids=lambda value: repr(value)[:20],
-)
-def test_an_edited_quality_breaks_no_report(campaign: Campaign, value: Any) -> None:
-    put(campaign, "inertia", APPENDIX_A["inertia"], quality=dict.fromkeys(("swings", "budget_kg_m2", "models"), value))
-    for form in ("html", "md", "tex"):
-        assert "16.57" in rendered(report_of(campaign), form, campaign.folder)
 
 
 def test_a_figure_stands_in_the_page_as_drawing_or_if_it_is_large_as_pixels(campaign: Campaign) -> None:

@@ -7,8 +7,9 @@ import pytest
 
 from cfid.records.campaign import Campaign
 from cfid.report.texts import comparison_grid, comparison_notes, sources_of
+from tests.export.thesis_vehicle import INERTIA_KG_M2
 from tests.lab import new_campaign
-from tests.report.fits_by_hand import APPENDIX_A, THESIS_MATRIX, number, put, put_appendix_a, report_of
+from tests.report.fits_by_hand import APPENDIX_A, number, put, put_appendix_a, report_of
 
 COPIED = {"Bitcraze Gazebo model", "Bitcraze firmware (Brescianini)", "Bitcraze firmware (Lee)"}
 
@@ -68,7 +69,7 @@ def test_the_thesis_matrix_is_turned_from_its_pitch_axis_and_its_copies_are_mark
 
 def test_a_matrix_in_a_frame_with_x_forward_is_not_turned(tmp_path: Path) -> None:
     campaign = new_campaign(tmp_path, ('forward = "y"', 'forward = "x"'), ('left = "-x"', 'left = "y"'))
-    put(campaign, "inertia", {"inertia.matrix_kg_m2": number(THESIS_MATRIX, "kg m^2")})
+    put(campaign, "inertia", {"inertia.matrix_kg_m2": number(INERTIA_KG_M2, "kg m^2")})
 
     assert comparison(campaign, "Inertia")["yours"]["values"][:3] == [16.571710e-6, 16.655602e-6, 29.261652e-6]
 
