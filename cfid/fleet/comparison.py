@@ -68,8 +68,8 @@ class ComparedNumber:
 
     `expected_scatter` is the standard deviation that the stated uncertainties alone would cause, None if unknown.
     `outliers` names the campaigns that lie apart from the others, `rejected` those whose number was rejected, and
-    `without_std` those whose number has no uncertainty. Numbers without an uncertainty do not count if at least two others
-    have one.
+    `without_std` those whose number has no uncertainty. Numbers without an uncertainty do not count if at least two
+    others have one.
     """
 
     name: str
