@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from cfid.errors import ConfigError, DataError
@@ -61,16 +60,6 @@ def test_a_clock_is_refused_for_a_table_that_no_vehicle_made_and_beside_a_rate(t
         assert refused.value.code == "unused"
 
 
-@pytest.mark.parametrize("rows", [5_000, 200_000])
-def test_a_column_that_begins_late_keeps_all_its_numbers(tmp_path: Path, rows: int) -> None:
-    """Before, a column without a number in the first MB was dropped as empty, with 100000 numbers below."""
-    late = np.where(np.arange(rows) < rows // 2, np.nan, 0.001 * np.arange(rows))
-    frame = pd.DataFrame({"t_s": np.arange(rows) / 1000, "gyro.x": np.arange(rows) / 8, "late": late})
-    frame.to_csv(tmp_path / "log.csv", index=False)
-    log = read_recording(tmp_path / "log.csv")
-    np.testing.assert_allclose(only(log).column("late").values, late)
-
-
 def test_nanobench_is_read_with_the_firmware_s_names() -> None:
     path = DATA / "flights" / "nanobench_B2_circle_fast_rep2.csv"
     if not path.exists():
@@ -110,10 +99,3 @@ def test_underscores_stand_for_the_firmware_s_dots_where_a_column_can_be_no_othe
     assert channel(log, "gyro.x").value[-1] == pytest.approx(np.radians(39 / 4))
     log = read_recording(written(tmp_path, lines("t,gyro_x,acc_x", "{t},{x},{x}", step=0.01)))
     assert only(log).names == ("gyro_x", "acc_x")
-
-
-def test_a_rate_stands_for_the_column_of_times_and_that_is_said(tmp_path: Path) -> None:
-    log = read_recording(written(tmp_path, lines("time,gyro.x", "{t},{x}")), How(rate_hz=4.0))
-    assert only(log).names == ("gyro.x",)
-    assert channel(log, "gyro.x").time_s[-1] == pytest.approx(39 / 4)
-    assert "time-replaced" in [one.code for one in log.findings]

@@ -8,4 +8,5 @@ from tests.nightly.readers import READERS, Reader
 
 @pytest.mark.parametrize("reader", READERS, ids=lambda reader: reader.name)
 def test_a_damaged_content_is_read_or_refused(reader: Reader) -> None:
-    assert attack(reader, cases=20, seed=3) == ""
+    cases = 5 if reader.name == "MATLAB" else 20  # a process for each file
+    assert attack(reader, cases=cases, seed=3) == ""

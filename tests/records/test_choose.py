@@ -57,16 +57,8 @@ def _noted(folder: Path, cfid: Cfid) -> str:
     return cfid("runs", "note", "last swing", "a gust", "--campaign", folder).stdout
 
 
-def _excluded(folder: Path, cfid: Cfid) -> str:
-    return cfid("runs", "exclude", "last swing", "--campaign", folder).stdout
-
-
 def _shown(folder: Path, cfid: Cfid) -> str:
     return cfid("show", "last swing", "--json", "--no-figures", "--campaign", folder).stderr
-
-
-def _converted(folder: Path, cfid: Cfid) -> str:
-    return cfid("convert", "last swing", "--to", "csv", "--campaign", folder).stdout
 
 
 def _fitted(folder: Path, cfid: Cfid) -> str:
@@ -77,11 +69,7 @@ def _fitted_by_axis(folder: Path, cfid: Cfid) -> str:
     return cfid("fit", "inertia", "y=last", "--no-figures", "--campaign", folder).stderr
 
 
-def _in_python(folder: Path, _: Cfid) -> str:
-    return open_campaign(folder).run("last swing").folder.name
-
-
-@pytest.mark.parametrize("command", [_noted, _excluded, _shown, _converted, _fitted, _fitted_by_axis, _in_python])
+@pytest.mark.parametrize("command", [_noted, _shown, _fitted, _fitted_by_axis])
 def test_every_command_means_the_same_run(
     folder: Path, swing: Run, cfid: Cfid, command: Callable[[Path, Cfid], str]
 ) -> None:

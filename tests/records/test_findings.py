@@ -2,7 +2,7 @@
 
 import pytest
 
-from cfid.findings import joined, merged, note, texts, warning
+from cfid.findings import merged, note, texts, warning
 from cfid.records.result import Result
 
 LOST = warning("recording", "40 samples were lost while recording.", "swing.*")
@@ -33,14 +33,6 @@ def test_findings_that_differ_stay_apart_in_their_order() -> None:
     assert [one.where for one in merged(findings)] == [("a", "b"), ("a",), ("a",)]
     assert texts(findings, "warning") == (f"a, b: {LOST.sentence}", f"a: {LOST.sentence}")
     assert texts(findings, "note") == (f"a: {LOST.sentence}",)
-
-
-def test_sentences_of_one_line_begin_with_a_capital_but_for_names() -> None:
-    sentences = ["the first misses.", "a second drifts.", "within 2 s it fell.", "the first misses."]
-    assert joined(sentences) == "the first misses. A second drifts. Within 2 s it fell."
-    for named in ("swing_x: it fell.", "pm.vbat is 0.", "m1 fell.", "k is 0.", "cfid fell.", "40 lost.", "Two fell."):
-        assert joined(["it fell.", named]) == f"it fell. {named}"
-    assert joined([]) == ""
 
 
 def test_a_sentence_with_a_colon_is_not_taken_for_the_name_of_a_file() -> None:

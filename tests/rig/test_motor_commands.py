@@ -275,8 +275,7 @@ def test_a_signal_to_the_process_stops_the_motors(
         assert bench.stopped_after(began_s) < STOPPED_WITHIN_S
 
 
-@BOTH
-@pytest.mark.parametrize("before_s", [0.02, 0.12])
+@pytest.mark.parametrize(("firmware", "before_s"), [("app", 0.02), ("stock", 0.12)])
 def test_an_end_shortly_before_a_step_leaves_no_motor_on(tmp_path: Path, firmware: str, before_s: float) -> None:
     """Actions that the procedure was about to take when the end was requested must not come after the stop."""
     radio = {"latency_s": 0.0285, "jitter_s": 0.008}
@@ -341,8 +340,9 @@ def test_what_cannot_be_meant_so_is_told_first(bench: Bench, words: str) -> None
     assert len(bench.history) == 1
 
 
-@pytest.mark.parametrize("state", ["locked", "tumbled"])
-@pytest.mark.parametrize("words", [("log", "thrust", *QUICK), HOLD, ("motors", "--yes")])
+@pytest.mark.parametrize(
+    ("words", "state"), [(("log", "thrust", *QUICK), "locked"), (HOLD, "tumbled"), (("motors", "--yes"), "locked")]
+)
 def test_a_vehicle_that_cannot_run_is_refused_by_its_state_before_a_run_folder_exists(
     bench: Bench, words: tuple[object, ...], state: str
 ) -> None:

@@ -136,8 +136,7 @@ def test_every_fault_of_the_vehicle_stops_the_motors_and_is_named(tmp_path: Path
     assert states(run)[-1] == fault.state
 
 
-@KINDS
-@pytest.mark.parametrize("after_s", [0.1, 0.2, 0.3])
+@pytest.mark.parametrize(("firmware", "after_s"), [("app", 0.1), ("stock", 0.2), ("app", 0.3)])
 def test_a_stop_is_confirmed_while_another_program_connects_and_deletes_all_blocks(
     tmp_path: Path, firmware: str, after_s: float
 ) -> None:
@@ -279,9 +278,10 @@ def test_a_stop_is_confirmed_by_its_own_answer_and_by_nothing_else(
     assert (MAY_BE_RUNNING in str(failure)) == (firmware == "stock")
 
 
-@KINDS
-@BOTH
-@pytest.mark.parametrize(("late_s", "at_most_s"), [(0.0, 0.6), (0.3, 2.0)])
+@pytest.mark.parametrize(
+    ("firmware", "platform", "late_s", "at_most_s"),
+    [("app", "cf2", 0.0, 0.6), ("stock", "cf2", 0.3, 2.0), ("app", "cf21bl", 0.3, 2.0), ("stock", "cf21bl", 0.0, 0.6)],
+)
 def test_a_run_states_how_long_its_stop_took_and_one_that_is_answered_late_is_confirmed_late(
     tmp_path: Path, firmware: str, platform: str, late_s: float, at_most_s: float
 ) -> None:

@@ -92,20 +92,6 @@ def test_a_script_types_readings_and_takes_them_back(
 # A terminal
 
 
-@pytest.mark.parametrize("quiet", [(), ("--quiet",)])
-def test_the_last_reading_is_taken_back_before_the_recording_ends(bench: Bench, quiet: tuple[str, ...]) -> None:
-    terminal = Terminal(bench, "log", "speed", *TYPED, *quiet)
-    terminal.read(*SPEEDS[:2], (40000, "9100"))
-    terminal.answer(("Enter ends", "u"))
-    terminal.read(SPEEDS[2])
-    terminal.answer(("Enter ends", ""))
-    assert terminal.pilot.end() == 0
-    assert ("\a" in terminal.pilot.err) == (not quiet)
-    assert [value for _, value in readings(bench.run())] == [11500, 15300, 19000]
-    assert held(bench.run()) == [0, 20000, 0, 30000, 0, 40000, 0, 40000, 0]
-    assert bench.run().header.state == "complete"
-
-
 def test_an_implausible_reading_counts_once_it_is_typed_twice(bench: Bench) -> None:
     terminal = Terminal(bench, "log", "speed", *TYPED)
     terminal.read((20000, "250000"))

@@ -19,7 +19,7 @@ from cfid.sim.swing import (
 )
 
 INERTIA_KG_M2 = np.array([[16.6, 0.8, 0.7], [0.8, 16.7, 1.8], [0.7, 1.8, 29.3]]) * 1e-6
-DRAWS = 2000
+DRAWS = 600
 
 
 @pytest.fixture(scope="module")

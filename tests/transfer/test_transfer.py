@@ -64,10 +64,11 @@ def test_noiseless_forces_between_the_samples_give_the_same_plant_with_its_hold(
 
 @pytest.mark.parametrize(("periods", "samples"), SERIES)
 @pytest.mark.parametrize(("stamped", "lag_within", "gain_within"), [(True, 0.01, 0.005), (False, 0.03, 0.01)])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2, 3))])
 def test_a_simulated_series_gives_time_constant_gain_and_delay(
-    periods: tuple[int, ...], samples: int, stamped: bool, lag_within: float, gain_within: float
+    periods: tuple[int, ...], samples: int, stamped: bool, lag_within: float, gain_within: float, seed: int
 ) -> None:
-    found = measured(periods, samples=samples, stamped=stamped)
+    found = measured(periods, samples=samples, seed=seed, stamped=stamped)
     fit = fit_transfer([found])
 
     assert 17 <= len(found.responses) <= 43
