@@ -22,7 +22,6 @@ from cfid.quantities.registry import UNITS, Shape, find, unit_of
 from cfid.quantities.rounding import value_and_std
 from cfid.records.parameters import Parameter
 from cfid.records.rig_file import change_rig
-from cfid.records.values import part_of
 
 if TYPE_CHECKING:
     from cfid.quantities.registry import Platform
@@ -41,10 +40,6 @@ _IN_RIG = {
 
 
 def list_parameters(
-    names: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="NAME ...", help="List only parameters whose names contain one of these."),
-    ] = None,
     why: Annotated[
         str | None,
         typer.Option(metavar="KEY", help="List the kept fits that have this parameter, and why each is taken or not."),
@@ -54,7 +49,7 @@ def list_parameters(
 
     Of all kept fits of a parameter, the most certain of those that are accepted and current counts.
 
-    Example: [bold]cfid parameters inertia.matrix motor.max_thrust_n[/bold]
+    Example: [bold]cfid parameters --why motor.max_thrust_n[/bold]
     """
     campaign = here()
     values = campaign.values()
@@ -64,26 +59,7 @@ def list_parameters(
     write_parameters(campaign)
     sections = values.sections()
     outdated = {values.label(fit): values.outdated(fit) for fit in values.by_fit}
-    (_print_json if program().json else _print_tables)(_named(sections, names) if names else sections, outdated)
-
-
-def _named(sections: "Mapping[str, Section]", names: Sequence[str]) -> "dict[str, Section]":
-    """Return the sections with only those parameters whose names contain one of `names`, ignoring case.
-
-    Prints a note on each name that matches no parameter. Raises ConfigError where none of the names matches any.
-    """
-    keys = {key: key.casefold() for section in sections.values() for key in section.parameters}
-    unmatched = [name for name in names if not any(name.casefold() in key for key in keys.values())]
-    if len(unmatched) == len(names):
-        raise ConfigError(f"{', '.join(names)}: no parameter has this in its name; `cfid parameters` lists all.")
-    for name in unmatched:
-        note(f"{name}: no parameter has this in its name; `cfid parameters` lists all.")
-    matched = {key for key, folded in keys.items() if any(name.casefold() in folded for name in names)}
-    kept = {
-        name: part_of(section, [key for key in section.parameters if key in matched])
-        for name, section in sections.items()
-    }
-    return {name: section for name, section in kept.items() if section.parameters}
+    (_print_json if program().json else _print_tables)(sections, outdated)
 
 
 def _print_candidates(values: "Values", key: str) -> None:

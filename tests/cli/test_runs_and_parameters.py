@@ -116,20 +116,6 @@ def test_notes_are_added_to_runs_and_taken_away(cfid: Cfid, campaign: Campaign) 
     assert runs_of(campaign)[0].header.label.note is None
 
 
-def test_parameters_are_listed_by_parts_of_their_names(cfid: Cfid, campaign: Campaign) -> None:
-    cfid("set", "arm_m", 0.046)
-    cfid("set", "rotor_radius_m", 0.0225)
-    named = json.loads(cfid("parameters", "arm", "--json").stdout)
-
-    assert "arm_m" in str(named)
-    assert "rotor_radius_m" not in str(named)
-    assert json.loads(cfid("parameters", "ARM", "--json").stdout) == named
-    assert cfid("parameters", "thrust").returncode == 2
-    both = cfid("parameters", "arm", "thrust")
-    assert both.returncode == 0
-    assert "thrust: no parameter has this in its name" in both.stderr
-
-
 def test_a_run_that_is_being_recorded_is_not_touched(cfid: Cfid, campaign: Campaign) -> None:
     writer = create_run(
         campaign.runs_folder,
