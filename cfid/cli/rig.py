@@ -22,11 +22,8 @@ from cfid.rig.ready_vehicle import connect_vehicle
 if TYPE_CHECKING:
     from cfid.console.recording import Rig
     from cfid.console.signals import Answers
-    from cfid.records.campaign import Campaign
-    from cfid.rig.check import DeviceAnswer
     from cfid.rig.instrument import Instrument
     from cfid.rig.loop import Ending, Loop
-    from cfid.sim.service import ServedRig
 
 _ANSWERS_AT = 35  # the column in which answers of `cfid rig check` begin
 
@@ -129,9 +126,10 @@ def sim(
     """
     from cfid.console.campaign import here
     from cfid.rig.loop import run_until_done
+    from cfid.rig.sim_file import published
     from cfid.sim.devices import SimulatedRig
     from cfid.sim.faults import parse_faults
-    from cfid.sim.service import ServedRig
+    from cfid.sim.service import ServedRig, devices_at
     from cfid.sim.truth import load_truth, usual_truth
 
     if for_s is not None:
@@ -154,20 +152,12 @@ def sim(
                 weight_g=weight,
             )
             served = ServedRig(rig, reactor=loop, folder=Path(folder))
-            await _serve(campaign, served, ending, for_s=for_s, seed=seed)
+            devices = devices_at(served.open(), campaign.rig.devices)
+            try:
+                with published(campaign.folder, devices, seed=seed) as path:
+                    echo(f"{path}: cfid's commands use the simulated rig until this ends (Ctrl-C).", err=True)
+                    await ending.within(for_s)
+            finally:
+                await served.close()
 
     run_until_done(main)
-
-
-async def _serve(campaign: "Campaign", rig: "ServedRig", ending: "Ending", *, for_s: float | None, seed: int) -> None:
-    from cfid.rig.sim_file import published
-    from cfid.sim.service import devices_at
-
-    where = rig.open()
-    try:
-        devices = devices_at(where, campaign.rig.devices)
-        with published(campaign.folder, devices, seed=seed) as path:
-            echo(f"{path}: cfid's commands use the simulated rig until this ends (Ctrl-C).", err=True)
-            await ending.within(for_s)
-    finally:
-        await rig.close()
