@@ -8,7 +8,7 @@ import typer
 from cfid.console.labels import AtMm, Axis, Body, Note, Pull, Weight, kind_of_angles, label_of, with_load
 from cfid.console.live import LiveLine
 from cfid.console.options import positive
-from cfid.console.recording import DryRun, ForS, record, refuse_mixture, rehearse, rig_of
+from cfid.console.recording import DryRun, ForS, record, rehearse, rig_of
 from cfid.console.vehicle import Uri, reach
 from cfid.experiments import judge_of
 
@@ -21,7 +21,6 @@ def encoder(
     weight: Weight = None,
     body: Body = None,
     for_s: ForS = None,
-    port: Annotated[str | None, typer.Option(help="Serial port; default: rig.toml's, else search for it.")] = None,
     rate_hz: Annotated[float | None, typer.Option(help="Polls per second; default: rig.toml's.")] = None,
     dry_run: DryRun = False,
     note: Note = None,
@@ -36,9 +35,6 @@ def encoder(
 
     rig = rig_of()
     setting, stated = rig.devices.encoder, rig.campaign.rig
-    if port is not None:
-        refuse_mixture("--port", rig.simulated)
-        setting = setting.model_copy(update={"port": port})
     if rate_hz is not None:
         setting = setting.sampled_at(positive(rate_hz, "--rate-hz"))
     plan = Plan(

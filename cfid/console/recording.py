@@ -80,15 +80,6 @@ def rig_of(*, or_real: bool = False) -> Rig:
     return Rig(campaign, devices, simulated, hardware)
 
 
-def refuse_mixture(option: str, simulated: bool) -> None:
-    """Raise ConfigError for a device given by an option while a simulated rig serves the campaign."""
-    if simulated:
-        raise ConfigError(
-            f"{option} names a real device while a simulated rig serves this campaign, and a run is one or the other: "
-            f"end `cfid rig sim`, or leave {option} out."
-        )
-
-
 def effort_of(seconds: float, runs_folder: Path, *, rate_hz: float) -> str:
     """Return how long a recording lasts and how much disk space it takes, for the question before the recording.
 

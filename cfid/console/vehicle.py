@@ -9,7 +9,7 @@ import typer
 from cfid.console.lists import comma_list
 from cfid.console.messages import ask, note
 from cfid.console.program import program
-from cfid.console.recording import Rig, refuse_mixture
+from cfid.console.recording import Rig
 from cfid.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -60,7 +60,11 @@ def reach(uri: str | None, rig: Rig, held: ExitStack) -> "ReadyVehicle":
 
     setting = rig.devices.crazyflie
     if uri is not None:
-        refuse_mixture("--uri", rig.simulated)
+        if rig.simulated:
+            raise ConfigError(
+                "--uri names a real vehicle while a simulated rig serves this campaign, and a run is one or the other: "
+                "end `cfid rig sim`, or leave --uri out."
+            )
         setting = setting.model_copy(update={"uri": uri})
     vehicle = connect_vehicle(setting, rig.hardware, held)
     note(f"connected to {vehicle.uri}, which runs {_FIRMWARE[vehicle.firmware.kind]}.")

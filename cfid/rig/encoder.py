@@ -54,8 +54,8 @@ async def find_encoder(
     ports = ports_to_ask(hardware, port)
     if not ports:
         raise DeviceError(
-            "no encoder interface is plugged in: no serial port has the name E201. Plug it in, or set its port: "
-            "devices.encoder.port in rig.toml, or `port`."
+            "no encoder interface is plugged in: no serial port has the name E201. Plug it in, or set "
+            "devices.encoder.port in rig.toml."
         )
     bits = word_bits(counts_per_turn) if configure else None
     end_s, reasons = hardware.seconds() + 4.0, []
