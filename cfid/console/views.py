@@ -85,28 +85,25 @@ def views_of(word: str, workplace: Workplace) -> tuple[list[View], tuple[str, ..
 
 
 def _angle_view(record: "AngleRecord") -> View:
-    return View(
-        device=ENCODER,
-        path=record.path,
-        source=record.source,
-        notes=texts(record.findings, "warning", "rejection"),
-        lines=texts(record.findings, "note"),
-        parameters=_sampling(record.time_s, len(record.time_s))
-        | {"range_rad": Parameter(value=float(np.ptp(record.angle_rad)), unit="rad")},
-        draw=lambda: recording_figure(record, title=record.name),
-        figure=f"{record.path.stem}_recording",
-    )
+    range_rad = Parameter(value=float(np.ptp(record.angle_rad)), unit="rad")
+    return _record_view(ENCODER, record, {"range_rad": range_rad}, lambda: recording_figure(record, title=record.name))
 
 
 def _wrench_view(record: "WrenchRecord") -> View:
+    return _record_view(LOADCELL, record, _means(record), lambda: wrench_figure(record, title=record.name))
+
+
+def _record_view(
+    device: str, record: "AngleRecord | WrenchRecord", parameters: dict[str, Parameter], draw: "Callable[[], Figure]"
+) -> View:
     return View(
-        device=LOADCELL,
+        device=device,
         path=record.path,
         source=record.source,
         notes=texts(record.findings, "warning", "rejection"),
         lines=texts(record.findings, "note"),
-        parameters=_sampling(record.time_s, len(record.time_s)) | _means(record),
-        draw=lambda: wrench_figure(record, title=record.name),
+        parameters=_sampling(record.time_s, len(record.time_s)) | parameters,
+        draw=draw,
         figure=f"{record.path.stem}_recording",
     )
 
