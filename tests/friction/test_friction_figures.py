@@ -9,11 +9,20 @@ from matplotlib.figure import Figure
 
 from cfid.friction.drops import Drop
 from cfid.friction.estimation import fit_friction
-from cfid.friction.figures import friction_figure
+from cfid.friction.figures import drops_figure, friction_figure
 
 Look = Callable[[Figure], Any]
 MakeDrop = Callable[..., Drop]
 RADIUS_M, GRAVITY_MPS2 = 2e-3, 9.81
+
+
+def test_a_run_that_never_settled_is_marked_in_red_words(drop: MakeDrop, look: Look) -> None:
+    steady, wavy = drop(0.03), drop(0.01, ripple=0.5)
+    assert (steady.settled, wavy.settled) == (True, False)
+    page = look(drops_figure([steady, wavy], labels=["30 g, a", "10 g, b_$1$"]))
+    assert page.red().startswith("never settled")
+    assert page.red().count("never settled") == 1
+    assert page.overlapping() == []
 
 
 def test_friction_is_a_line_through_the_speeds_that_falls_tend_to(drop: MakeDrop, look: Look) -> None:

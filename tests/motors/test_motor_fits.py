@@ -254,6 +254,15 @@ def test_thrust_that_points_down_is_told_and_turned_round_when_asked(cfid: Cfid,
     assert cfid(*words, "--no-flip-fz").returncode == 5
 
 
+def test_a_saturated_load_cell_is_told(cfid: Cfid, campaign: Path) -> None:
+    record = climbed(STEPS[:5])
+    record.status[3000:6000] = 0x80020000
+    run = write_run(campaign, record, steps=STEPS[:5])
+    said = cfid("fit", "thrust", str(run.folder), "--campaign", str(campaign), "--no-figures")
+    assert said.returncode == 4
+    assert "saturated" in said.stderr
+
+
 @pytest.mark.parametrize(
     ("words", "code"),
     [
