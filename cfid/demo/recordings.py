@@ -101,7 +101,7 @@ class Laboratory:
     def __init__(self, campaign: Campaign, truth: SimTruth, *, seed: int) -> None:
         """Take the campaign to record into, and the truth of its rig."""
         self._campaign, self._truth, self._seed = campaign, truth, seed
-        self._unix_s = datetime.now(UTC).timestamp() - _LASTS_S
+        self._unix_s: float = math.floor(datetime.now(UTC).timestamp() - _LASTS_S)  # whole: the same times of every run
         self.made = 0
 
     def make(self, recording: Recording) -> None:

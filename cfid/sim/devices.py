@@ -34,6 +34,7 @@ from cfid.sim.propulsion import STILL, Four, OnMotors, Propulsion
 from cfid.sim.stepping import Array
 from cfid.sim.swing import (
     DROPS,
+    PERIOD_S,
     Axis,
     Truth,
     draw_testbody,
@@ -51,6 +52,7 @@ from cfid.wire.app import AppPorts
 _USB_REPLY_S = 5e-4  # half a frame of full-speed USB, on average
 _TESTBODY = 1 << 40  # distinguishes its random numbers from those of a power-on
 _LINE_RADIUS_MM = 2.0  # where rig.toml names none
+_UNSEEN_S = 3.0  # without a reading of the encoder: the next one begins a recording
 _CONVERTED_HZ = 2000.0  # of the samples that a converter averages: twice the blade pass at full command
 _FRICTION_SCATTER = 0.03  # from one drop to the next, as the thesis' speeds scatter (table 2.1)
 
@@ -96,6 +98,7 @@ class SimulatedRig:
         motor_rng, cell_rng, fault_rng, radio_rng, imu_rng = streams
         self.axis, hangs = _axis(rig, truth, hung, axis, weight_g, rng=plant_rng)
         self._opened_s = opened_s = seconds()  # after the integration, which takes some time
+        self._moves_s = self._looked_s = opened_s  # since when the axis moves, and when the encoder was read last
         self.encoder = FaultySerial(self._encoder(rig), encoder_faults, opened_s=opened_s)
         cell = SimulatedLoadCell(truth.loadcell, cell_rng)
         box = NetFTBox(load_cell=cell, plant=self._wrench_at, powered_s=opened_s)
@@ -153,10 +156,14 @@ class SimulatedRig:
         return dict(zip(AXES, shown.tolist(), strict=True))
 
     def _angle_at(self, time_s: float) -> float:
-        return self.axis.angle_at(time_s - self._opened_s)
+        """Return the angle that the encoder sees; the operator begins a motion when a recording begins to look."""
+        if time_s - self._looked_s > _UNSEEN_S:
+            self._moves_s = time_s - math.ceil((time_s - self._moves_s) / PERIOD_S) * PERIOD_S
+        self._looked_s = time_s
+        return self.axis.angle_at(time_s - self._moves_s)
 
     def _motion_at(self, time_s: float) -> tuple[float, float, float]:
-        return self.axis.motion_at(time_s - self._opened_s)
+        return self.axis.motion_at(time_s - self._moves_s)
 
     def _wrench_at(self, time_s: Array) -> Array:
         self.crazyflie.advance(float(time_s[-1]))  # packets until then already drive its motors

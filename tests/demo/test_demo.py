@@ -2,7 +2,9 @@
 
 import subprocess
 import sys
+from datetime import UTC, datetime
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -10,10 +12,11 @@ import pytest
 from scipy.stats import binomtest
 
 from cfid.console.campaign import make_campaign
+from cfid.demo import recordings as demo_recordings
 from cfid.demo.fits import compared, covers, runs_by_kind
 from cfid.demo.recordings import DROPS, SWINGS, Laboratory, experiments, winds
 from cfid.demo.truth import demo_truth, true_values
-from cfid.records.campaign import find_campaign
+from cfid.records.campaign import find_campaign, open_campaign
 from cfid.records.fits import Fit, list_fits
 from tests.fleet.test_refit import numbers as found_numbers
 from tests.lab import Cfid, run_cfid, sections_at
@@ -103,6 +106,20 @@ def test_a_truth_that_is_none_makes_no_folder(cfid: Cfid, tmp_path: Path) -> Non
     assert said.returncode == 2
     assert "rotors.nonsense: there is no such key" in said.stderr
     assert not (tmp_path / "demo").exists()
+
+
+def test_a_seed_makes_the_same_recordings_on_any_day(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    recorded = []
+    for now in (datetime(2026, 3, 1, 12, 0, 0, 123456, UTC), datetime(2026, 11, 30, 7, 0, 0, 654321, UTC)):
+        monkeypatch.setattr(demo_recordings, "datetime", SimpleNamespace(now=lambda _, now=now: now))
+        make_campaign(tmp_path / str(now.month), seed=1)
+        campaign = open_campaign(tmp_path / str(now.month))
+        Laboratory(campaign, demo_truth(1), seed=1).make(SWINGS[0])
+        (run,) = campaign.runs()
+        table = pd.read_csv(run.device_file("encoder"))
+        recorded.append(table.assign(t=table.t - table.t[0]))
+
+    assert recorded[0].equals(recorded[1])
 
 
 @pytest.mark.slow

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from cfid.records.rig_file import Rig, Site, thesis_rig
+from cfid.sim.devices import SimulatedRig
 from cfid.sim.swing import (
     PERIOD_S,
     RELEASES,
@@ -17,6 +18,7 @@ from cfid.sim.swing import (
     pendulum,
     swinging,
 )
+from cfid.wire import e201
 
 INERTIA_KG_M2 = np.array([[16.6, 0.8, 0.7], [0.8, 16.7, 1.8], [0.7, 1.8, 29.3]]) * 1e-6
 DRAWS = 600
@@ -131,3 +133,18 @@ def test_a_swing_goes_over_into_the_next_without_a_jump(swung: Axis) -> None:
     for turn in (1, RELEASES):
         steps = np.diff(_angles(swung, turn * PERIOD_S - 0.5, turn * PERIOD_S + 0.5))
         assert np.abs(steps).max() < 1e-3
+
+
+@pytest.mark.parametrize("break_s", [7.0, 33.0])
+def test_a_weight_falls_anew_when_a_recording_begins_to_look(break_s: float) -> None:
+    rig = SimulatedRig(thesis_rig(), seconds=lambda: 100.0, seed=1, weight_g=30.0)
+
+    def words(from_s: float, to_s: float) -> set[bytes]:
+        times_s = np.arange(from_s, to_s, 0.01)
+        return {reply for time_s in times_s for _, reply in rig.encoder.received(e201.POSITION, float(time_s))}
+
+    words(100, 112)
+    began_s = 112 + break_s
+    words(began_s, began_s + 4.1)  # while the line is wound up
+    assert len(words(began_s + 4.1, began_s + 4.4)) == 1
+    assert len(words(began_s + 4.6, began_s + 5.5)) > 50
