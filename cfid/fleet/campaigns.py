@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
+from threading import Thread
 
 from cfid.errors import CfidError, ConfigError
 from cfid.records.choose import is_glob
@@ -79,5 +80,14 @@ def workers(jobs: int, *, most: int) -> Iterator[Executor]:
 
 
 def _prepare() -> None:
+    Thread(target=_end_with_command, daemon=True).start()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the command, too, which ends this process
     warnings.simplefilter("ignore")  # warnings of libraries do not name the campaign
+
+
+def _end_with_command() -> None:
+    """End this process when the command that started it was killed, after which nobody gives it work or ends it."""
+    command = multiprocessing.parent_process()
+    if command is not None:
+        command.join()
+        os._exit(1)

@@ -4,9 +4,11 @@ import json
 import os
 import shutil
 import signal
+import sys
 import time
 from datetime import datetime, timedelta
 from pathlib import Path
+from subprocess import DEVNULL
 from typing import Any
 
 import pytest
@@ -134,11 +136,25 @@ def test_a_fleet_continues_where_it_was_interrupted(campaigns: Path, tmp_path: P
     assert {name: (out / name).stat().st_mtime_ns for name in kept} == kept
 
 
-def test_what_a_killed_command_left_is_removed(cfid: Cfid, campaigns: Path, tmp_path: Path) -> None:
-    (tmp_path / "out" / ".incomplete-1" / "c3" / "fits").mkdir(parents=True)
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="processes are looked for in /proc")
+def test_a_killed_command_leaves_no_process_and_the_next_removes_its_folder(campaigns: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    words = ["fleet", "fit", campaigns / "c*", "--out", out, "--jobs", 2]
+    process = started(words, anew=True, cwd=tmp_path, env=os.environ, stdout=DEVNULL, stderr=DEVNULL)
+    end_s = time.monotonic() + LONGEST_S
+    while time.monotonic() < end_s and not list(out.glob(".incomplete-*/*")):
+        time.sleep(0.02)
+    workers = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    process.kill()
+    process.wait(LONGEST_S)
+    while time.monotonic() < end_s and any(Path("/proc", worker).exists() for worker in workers):
+        time.sleep(0.02)
+    assert len(workers) >= 2
+    assert not any(Path("/proc", worker).exists() for worker in workers)
+    assert [path.name[:12] for path in out.iterdir()] == [".incomplete-"]
 
-    assert cfid("fleet", "fit", campaigns / "c3", "--out", tmp_path / "out").returncode == 0
-    assert [path.name for path in (tmp_path / "out").iterdir()] == ["c3"]
+    assert run_cfid(["fleet", "fit", str(campaigns / "c3"), "--out", str(out)], tmp_path).returncode == 0
+    assert [path.name for path in out.iterdir()] == ["c3"]
 
 
 def test_a_process_that_dies_is_the_fault_of_its_campaigns_alone(
