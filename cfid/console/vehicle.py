@@ -32,12 +32,6 @@ def motors_of(words: Sequence[str] | None, usual: Sequence[int], *, least: int =
     return tuple(sorted(set(comma_list(words, "--motor", int, least=least, most=4, example="1,3"))))
 
 
-_FIRMWARE = {
-    "app": "cfid's app",
-    "stock": "stock firmware",
-}
-
-
 Uri = Annotated[
     str | None,
     typer.Option(help="Address of the vehicle; default: rig.toml's, else search for it.", rich_help_panel=VEHICLE),
@@ -67,14 +61,16 @@ def reach(uri: str | None, rig: Rig, held: ExitStack) -> "ReadyVehicle":
             )
         setting = setting.model_copy(update={"uri": uri})
     vehicle = connect_vehicle(setting, rig.hardware, held)
-    note(f"connected to {vehicle.uri}, which runs {_FIRMWARE[vehicle.firmware.kind]}.")
-    if vehicle.firmware.kind != "app":
+    runs_app = vehicle.firmware.kind == "app"
+    firmware = "cfid's app" if runs_app else "stock firmware"
+    note(f"connected to {vehicle.uri}, which runs {firmware}.")
+    if not runs_app:
         note("if the link is lost, nothing stops the motors of this firmware: keep the battery within reach.")
     if setting.stop_below_v is not None and not vehicle.reports_battery:
         note("the vehicle does not report its battery's voltage: stop_below_v of rig.toml has no effect.")
     if vehicle.state is not None:
         note(f"its supervisor: {vehicle.state.name}{'; ' + vehicle.state.remedy if vehicle.state.remedy else ''}.")
-    if vehicle.firmware.kind == "app" and not vehicle.firmware.knows_owners:
+    if runs_app and not vehicle.firmware.knows_owners:
         note("the app on it is older than this cfid: another program's keep-alives prolong commands there. Flash it.")
     return vehicle
 
