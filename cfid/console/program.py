@@ -1,5 +1,6 @@
-"""The options of the running program, -C, --json, --verbose, --quiet and --yes, and those given to its command."""
+"""The options of the running program, those given to its command, and the command line of another process."""
 
+import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -117,3 +118,11 @@ def _kept_form(value: Any) -> Any:
     if isinstance(value, Path):
         return str(value.resolve() if value.exists() else value)
     return value
+
+
+def cfid_command(*words: str) -> list[str]:
+    """Return the command line that runs cfid with these arguments as a process of its own.
+
+    A campaign may hold a file such as queue.py, which Python would import in place of its own module without -P.
+    """
+    return [sys.executable, "-P", "-m", "cfid.cli.main", *words]

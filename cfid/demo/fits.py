@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from cfid.console.messages import echo, headline, result
-from cfid.console.processes import cfid_command
+from cfid.console.program import cfid_command
 from cfid.errors import FitError
 from cfid.quantities.rounding import value_and_std
 from cfid.records.campaign import Campaign

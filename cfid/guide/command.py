@@ -12,8 +12,7 @@ from rich.table import Table
 
 from cfid.console.campaign import here, note_unreadable_fits
 from cfid.console.messages import ask, echo, fitted, note, print_json, printable
-from cfid.console.processes import cfid_command
-from cfid.console.program import program
+from cfid.console.program import cfid_command, program
 from cfid.errors import ConfigError
 from cfid.guide.certainty import percent
 from cfid.guide.status import status_of

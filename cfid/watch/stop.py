@@ -7,7 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from cfid.console.processes import cfid_command
+from cfid.console.program import cfid_command
 from cfid.errors import ConfigError, DataError
 from cfid.records.files import RIG_FILE
 from cfid.records.rig_file import load_rig
