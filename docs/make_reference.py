@@ -98,24 +98,26 @@ def findings() -> str:
 
 def findings_in(source: str) -> Iterator[tuple[str, str, str]]:
     """Yield code, severity and sentence of each finding that a module makes; the code is written out in the call."""
-    tree = ast.parse(source)
-    imports = (node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module == "cfid.findings")
+    if "cfid.findings" not in source:
+        return
+    nodes = list(ast.walk(ast.parse(source)))
+    imports = (node for node in nodes if isinstance(node, ast.ImportFrom) and node.module == "cfid.findings")
     names = {alias.asname or alias.name: alias.name for node in imports for alias in node.names}
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and names.get(node.func.id) in SEVERITIES:
             code, *rest = node.args
             if not isinstance(code, ast.Constant):
                 raise ValueError(f"line {node.lineno}: the code of a finding is not written out")
-            yield str(code.value), names[node.func.id], _sentence(_assigned(rest[0], tree)) if rest else ""
+            yield str(code.value), names[node.func.id], _sentence(_assigned(rest[0], nodes)) if rest else ""
 
 
-def _assigned(node: ast.expr, tree: ast.Module) -> ast.expr:
+def _assigned(node: ast.expr, nodes: Iterable[ast.AST]) -> ast.expr:
     """Return an expression, or of a name what was last assigned to it above."""
     if not isinstance(node, ast.Name):
         return node
     above = [
         assign.value
-        for assign in ast.walk(tree)
+        for assign in nodes
         if isinstance(assign, ast.Assign | ast.AugAssign | ast.NamedExpr) and assign.lineno < node.lineno
         for target in (assign.targets if isinstance(assign, ast.Assign) else [assign.target])
         if isinstance(target, ast.Name) and target.id == node.id

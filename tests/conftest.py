@@ -40,7 +40,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for some in (timed, [item for item in items if not _against_a_clock(item)]):
         for i, item in enumerate(some):
             place.setdefault(item.path, i / len(some))
-    items.sort(key=lambda item: (item.path.name != "test_tutorial.py", place[item.path]))
+    items.sort(key=lambda item: (item.path.name != "test_tours.py", place[item.path]))
     for item in timed:
         # A test that runs against a clock is tried up to three times, since a computer with more tasks than cores, or a
         # virtual one that its host suspends, may have kept the devices and programs of a try from the processor. A

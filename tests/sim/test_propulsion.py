@@ -122,7 +122,7 @@ def test_how_often_the_vehicle_looks_changes_nothing() -> None:
     assert after([]) == after([k / 1000 for k in range(13, 5000)])
 
 
-@settings(max_examples=25)
+@settings(max_examples=10)
 @given(
     commands=st.lists(st.tuples(*[st.integers(0, 65535)] * 4), min_size=1, max_size=5),
     cuts=st.lists(st.integers(1, 699), max_size=5),
