@@ -149,9 +149,15 @@ def _state(fit: "Fit", values: "Values", *, withdrawn: bool) -> str:
     """Return in a few words whether a fit's parameters count, and why not."""
     if withdrawn:
         return "withdrawn"
-    taken = values.by_fit.get(next((each for each in values.fits if each.stem == fit.stem), fit), [])
-    keys = [key for key in (*fit.section.parameters, *fit.section.rejected) if key not in {each.key for each in taken}]
+    taken = values.by_fit.get(next((other for other in values.fits if other.stem == fit.stem), fit), [])
+    keys = [
+        key
+        for key in (*fit.section.parameters, *fit.section.rejected)
+        if key not in {quantity.key for quantity in taken}
+    ]
     if not keys:
         return "counts"
-    why = next((each.why for each in values.candidates(keys[0]) if each.fit.stem == fit.stem), "rejected")
+    why = next(
+        (candidate.why for candidate in values.candidates(keys[0]) if candidate.fit.stem == fit.stem), "rejected"
+    )
     return f"counts, except {keys[0]}{' and others' if len(keys) > 1 else ''}: {why}" if taken else why

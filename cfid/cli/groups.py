@@ -72,8 +72,8 @@ class LazyGroup(TyperGroup):
 
 def _below(path: str) -> dict[str, str]:
     """Return the paths of a group's commands by their last words."""
-    above_and_word = ((each.rpartition(" "), each) for each in COMMANDS)
-    return {word: each for (above, _, word), each in above_and_word if above == path}
+    above_and_word = ((words.rpartition(" "), words) for words in COMMANDS)
+    return {word: words for (above, _, word), words in above_and_word if above == path}
 
 
 def _docstring(path: str) -> str:

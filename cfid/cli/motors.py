@@ -136,12 +136,12 @@ def _setting(uri: str | None) -> "CrazyflieLink":
     from cfid.records.rig_file import CrazyflieLink
 
     try:
-        found = rig_of(or_real=True).devices.crazyflie
+        link = rig_of(or_real=True).devices.crazyflie
     except ConfigError as error:
         which = "" if uri else " The vehicles that another cfid drives are stopped, else the one that is found."
         note(f"{error}{which} The app is looked for on its usual ports.")
-        found = CrazyflieLink()
-    return found if uri is None else found.model_copy(update={"uri": uri})
+        link = CrazyflieLink()
+    return link if uri is None else link.model_copy(update={"uri": uri})
 
 
 def _drive(vehicle: "ReadyVehicle", live: LiveLine, procedure: "Procedure") -> None:

@@ -67,15 +67,16 @@ def _print_candidates(values: "Values", key: str) -> None:
     candidates = values.candidates(key)
     if not candidates:
         raise ConfigError(f"{key}: no kept fit has it; `cfid parameters` lists the campaign's parameters.")
-    parameters = [each.fit.section.parameters.get(key, Parameter(value=None)) for each in candidates]
+    parameters = [candidate.fit.section.parameters.get(key, Parameter(value=None)) for candidate in candidates]
     if program().json:
         rows = [
             {
-                "fit": each.fit.stem, "taken": each.taken, "why": each.why, "std_over_aim": each.over_aim,
-                "accepted": key not in each.fit.section.rejected, "found": each.fit.section.found.isoformat(),
-                "recordings": sorted(each.fit.recordings), **parameter.as_json(),
+                "fit": candidate.fit.stem, "taken": candidate.taken, "why": candidate.why,
+                "std_over_aim": candidate.over_aim,
+                "accepted": key not in candidate.fit.section.rejected, "found": candidate.fit.section.found.isoformat(),
+                "recordings": sorted(candidate.fit.recordings), **parameter.as_json(),
             }
-            for each, parameter in zip(candidates, parameters, strict=True)
+            for candidate, parameter in zip(candidates, parameters, strict=True)
         ]  # fmt: skip
         print_json({"command": "parameters", "key": key, "candidates": rows})
         return
@@ -83,11 +84,11 @@ def _print_candidates(values: "Values", key: str) -> None:
     table = Table(
         Column("fit", overflow="fold"), "value", "std", "over aim", "taken", "why", box=SIMPLE, pad_edge=False
     )
-    for each, parameter in zip(candidates, parameters, strict=True):
+    for candidate, parameter in zip(candidates, parameters, strict=True):
         texts = [value_and_std(number.value, number.std) for number in parameter.numbers(key)]
         value, std = ("\n".join(column) for column in zip(*texts, strict=True)) if texts else ("-", "-")
-        over_aim = "-" if each.over_aim is None else f"{each.over_aim:.2g}"
-        table.add_row(each.fit.stem, value, std, over_aim, "yes" if each.taken else "no", each.why)
+        over_aim = "-" if candidate.over_aim is None else f"{candidate.over_aim:.2g}"
+        table.add_row(candidate.fit.stem, value, std, over_aim, "yes" if candidate.taken else "no", candidate.why)
     Console().print(table)
 
 

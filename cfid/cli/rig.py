@@ -86,16 +86,18 @@ def _judged_signals(rig: "Rig", identified: "Mapping[str, Sequence[DeviceAnswer]
 def report_answers(command: str, answers: "Mapping[str, Sequence[DeviceAnswer]]", *, simulated: bool) -> None:
     """Print the answers of the devices. Raises DeviceError, which names the devices with a fault."""
     if program().json:
-        content = {name: [answer._asdict() for answer in own] for name, own in answers.items()}
+        content = {name: [answer._asdict() for answer in device_answers] for name, device_answers in answers.items()}
         print_json({"command": command, "simulated": simulated, "devices": content})
     else:
-        for name, answer in ((name, answer) for name, own in answers.items() for answer in own):
+        for name, answer in ((name, answer) for name, device_answers in answers.items() for answer in device_answers):
             limit = f" (limit {answer.limit})" if answer.limit else ""
             line = f"{name:9} {answer.asked:15} {answer.state:8} {in_options(answer.answer)}{limit}"
             echo(fitted(line, indent=_ANSWERS_AT))
             if answer.advice:
                 echo(fitted(f"{'':{_ANSWERS_AT}}-> {answer.advice}", indent=_ANSWERS_AT + 3))
-    faulty = [name for name, own in answers.items() if any(answer.state == "fault" for answer in own)]
+    faulty = [
+        name for name, device_answers in answers.items() if any(answer.state == "fault" for answer in device_answers)
+    ]
     if faulty:
         raise DeviceError(f"not ready: {', '.join(faulty)}.")
 

@@ -26,19 +26,9 @@ class Workplace:
     borrowed: bool
 
     @property
-    def own_rig(self) -> "Rig | None":
-        """The rig, or None for a borrowed rig, which does not describe the measured vehicle."""
-        return None if self.borrowed else self.rig
-
-    @property
     def facts(self) -> RigFacts:
         """How devices are mounted, as rig.toml states it; a borrowed rig states nothing."""
         return NONE_STATED if self.borrowed else self.rig.facts
-
-    @property
-    def figures(self) -> Path | None:
-        """The campaign's folder for figures, None without a campaign: a folder of data is none for figures."""
-        return None if self.campaign is None else self.campaign.folder / "figures"
 
 
 def open_workplace(geometry: Path | None = None, *, gravity: Measured = NOT_GIVEN) -> Workplace:

@@ -77,8 +77,8 @@ def label_of(
     if rig is not None and body == "testbody" and rig.testbody is not None:
         mounts = rig.testbody.mounts
     if axis and rig is not None and body != "fixture" and axis not in mounts:
-        known = ", ".join(mounts) or "none"
-        raise ConfigError(f"--axis {axis}: rig.toml has no such mount of the {body}; it has {known}.")
+        names = ", ".join(mounts) or "none"
+        raise ConfigError(f"--axis {axis}: rig.toml has no such mount of the {body}; it has {names}.")
     return Label(axis=axis, weight_g=mass.value, weight_std_g=mass.std, body=body, note=note)
 
 

@@ -119,26 +119,28 @@ def line_of(recorder: "Recorder", *, task: str = "", question: str = "", left: s
     The question shares the first part with what remains, by default the time, so both stay on a narrow line. Readings,
     such as an angle, and rates are those of the devices that show something, losses those of all.
     """
-    every = list(recorder.progress.values())
-    shown = [own for own in every if own.reading is not None] or every
-    read = [text for name, own in recorder.progress.items() if (text := _read(name, own))]
-    states = [own.status for own in every if own.status]
-    lost = sum(own.lost or 0 for own in every)
-    losses = f"{lost} LOST" if lost else "losses unknown" if None in [own.lost for own in every] else "0 lost"
-    rates = "+".join(f"{own.rate_hz:.0f}" for own in shown if own.rate_hz >= _SLOWEST_HZ)
+    devices = list(recorder.progress.values())
+    shown = [progress for progress in devices if progress.reading is not None] or devices
+    read = [text for name, progress in recorder.progress.items() if (text := _read(name, progress))]
+    states = [progress.status for progress in devices if progress.status]
+    lost = sum(progress.lost or 0 for progress in devices)
+    losses = (
+        f"{lost} LOST" if lost else "losses unknown" if None in [progress.lost for progress in devices] else "0 lost"
+    )
+    rates = "+".join(f"{progress.rate_hz:.0f}" for progress in shown if progress.rate_hz >= _SLOWEST_HZ)
     first = "  ".join(filter(None, [left or _time_text(recorder), question]))
     parts = [first, *read, *states, losses, f"{rates} Hz" if rates else ""]
     trace = sparkline(list(shown[0].trace)) if shown else ""
     return [part for part in (*parts, task, trace) if part]
 
 
-def _read(name: str, own: "Progress") -> str:
+def _read(name: str, progress: "Progress") -> str:
     """Return the latest reading of an instrument, or for how long it has sent no row: the last reading is then old."""
-    if own.reading is None:
+    if progress.reading is None:
         return ""
-    if own.silent_s:
-        return f"{name}: no data {own.silent_s:.1f} s"
-    return own.reading.of(own) if own.latest else ""
+    if progress.silent_s:
+        return f"{name}: no data {progress.silent_s:.1f} s"
+    return progress.reading.of(progress) if progress.latest else ""
 
 
 def sparkline(values: Sequence[float]) -> str:

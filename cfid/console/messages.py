@@ -32,7 +32,7 @@ def in_options(text: str) -> str:
     Messages name settings because Python users, who have no options, see them too. Text that a message quotes from
     files and devices is made printable.
     """
-    return _SETTING.sub(lambda found: _RENAMED.get(found[1], f"--{found[1].replace('_', '-')}"), printable_lines(text))
+    return _SETTING.sub(lambda match: _RENAMED.get(match[1], f"--{match[1].replace('_', '-')}"), printable_lines(text))
 
 
 def printable(text: str) -> str:

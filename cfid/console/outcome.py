@@ -57,12 +57,12 @@ def deliver(result: Result, delivery: Delivery, workplace: "Workplace", *, keep:
     """
     from cfid.records.plausibility import judged
 
-    result = judged(result, workplace.own_rig)
+    result = judged(result, None if workplace.borrowed else workplace.rig)
     if (results := _taken.get()) is not None:
         results.append(result)
         return
-    if result.folder is None:
-        result = replace(result, folder=workplace.figures)
+    if result.folder is None and workplace.campaign is not None:
+        result = replace(result, folder=workplace.campaign.folder / "figures")
     campaign = workplace.campaign if keep else None
     if campaign is not None:
         result = _with_names(result, campaign.runs_folder)
@@ -115,7 +115,7 @@ def _standing(campaign: "Campaign", stem: str) -> tuple[bool, str]:
     others = [key for key in fit.section.parameters if key not in taken and not is_of_the_run(key)]
     if not others:
         return bool(taken), ""
-    reason = next((each.why for each in values.candidates(others[0]) if each.fit is fit), "")
+    reason = next((candidate.why for candidate in values.candidates(others[0]) if candidate.fit is fit), "")
     what = others[0] if len(others) == 1 else f"{others[0]} and {len(others) - 1} more"
     return bool(taken), f"{what} of the campaign stays as it was: {reason}. `cfid fits` lists all fits."
 
@@ -135,9 +135,11 @@ def _with_names(result: Result, runs_folder: Path) -> Result:
 
     named = [
         replace(
-            one, sentence=by_name(one.sentence, runs_folder), where=tuple(by_name(at, runs_folder) for at in one.where)
+            finding,
+            sentence=by_name(finding.sentence, runs_folder),
+            where=tuple(by_name(at, runs_folder) for at in finding.where),
         )
-        for one in result.findings
+        for finding in result.findings
     ]
     return replace(result, findings=tuple(named))
 

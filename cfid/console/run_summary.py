@@ -135,8 +135,8 @@ def stop_line(stopped_in_s: float) -> str:
 
 
 def _stopped_in_s(run: "Run") -> float | None:
-    known = [(record.model_extra or {}).get("stopped_in_s") for record in run.header.devices.values()]
-    return next((seconds for seconds in known if seconds is not None), None)
+    stops_s = [(record.model_extra or {}).get("stopped_in_s") for record in run.header.devices.values()]
+    return next((seconds for seconds in stops_s if seconds is not None), None)
 
 
 def summary(
@@ -171,7 +171,7 @@ def devices_of(run: "Run") -> dict[str, dict[str, Any]]:
         kinds = {**extra.get("arrivals", {}), **extra.get("losses", {})}
         kinds.pop("lost", None)  # printed separately, before the kinds
         file = run.device_file(name)
-        gaps = sum(one.get("lost") != 0 for one in extra.get("gaps", ()))  # the rows of other gaps were only late
+        gaps = sum(gap.get("lost") != 0 for gap in extra.get("gaps", ()))  # the rows of other gaps were only late
         devices[name] = {
             "rows": record.rows,
             "lost": record.lost,

@@ -20,8 +20,8 @@ def print_parameters(parameters: Mapping[str, Parameter], *, title: str) -> None
     for heading in ("parameter", "value", "std", "unit"):
         table.add_column(heading, justify="right" if heading in ("value", "std") else "left", overflow="fold")
     for name, parameter in parameters.items():
-        for one in parameter.numbers(name):
-            cells = (one.name, *value_and_std(one.value, one.std), parameter.unit)
+        for number in parameter.numbers(name):
+            cells = (number.name, *value_and_std(number.value, number.std), parameter.unit)
             table.add_row(*(Text(printable(cell)) for cell in cells))
     if table.row_count:
         Console().print(table)

@@ -117,12 +117,12 @@ def _means(record: "WrenchRecord") -> dict[str, Parameter]:
             "mean_nm": Parameter(value=record.torque_nm.mean(axis=0), unit="N m"),
             "std_nm": Parameter(value=record.torque_nm.std(axis=0), unit="N m"),
         }
-    found = {}
+    parameters = {}
     for axis in record.axes:
         values, unit = record.values_of(axis), "N" if axis.startswith("F") else "N m"
-        found[f"mean.{axis}"] = Parameter(value=float(values.mean()), unit=unit)
-        found[f"std.{axis}"] = Parameter(value=float(values.std()), unit=unit)
-    return found
+        parameters[f"mean.{axis}"] = Parameter(value=float(values.mean()), unit=unit)
+        parameters[f"std.{axis}"] = Parameter(value=float(values.std()), unit=unit)
+    return parameters
 
 
 def _device_view(recording: "Recording", device: str) -> View:
@@ -147,7 +147,9 @@ def _device_view(recording: "Recording", device: str) -> View:
 def _log_views(recording: "Recording") -> list[View]:
     """Return a view of every series of a log; figures only of those of known units with most rows."""
     several = list(recording.series.values())
-    most = sorted(several, key=lambda one: (not any(column.unit for column in one.columns), -one.rows))[:_MOST_FIGURES]
+    most = sorted(several, key=lambda series: (not any(column.unit for column in series.columns), -series.rows))[
+        :_MOST_FIGURES
+    ]
     views = []
     for series in several:
         view = _series_view(series, title=f"{recording.path.name}, {series.name}")
@@ -230,9 +232,9 @@ def _states(since_s: "Array", words: "Array") -> str:
 
 def _range_of(column: "Column") -> Parameter:
     """Return the lowest and the highest number of a column, in its SI unit where its unit is known."""
-    known = column.values[np.isfinite(column.values)]
+    values = column.values[np.isfinite(column.values)]
     unit, factor = si_unit(column)
-    both = [factor * float(known.min()), factor * float(known.max())] if len(known) else [np.nan, np.nan]
+    both = [factor * float(values.min()), factor * float(values.max())] if len(values) else [np.nan, np.nan]
     return Parameter(value=both, unit=unit)
 
 

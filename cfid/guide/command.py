@@ -34,8 +34,8 @@ def status(*, kind: Kind = None) -> None:
 
     Example: [bold]cfid status --kind afternoon[/bold]
     """
-    found = _status(here(), kind)
-    (_print_json if program().json else _print)(found)
+    state = _status(here(), kind)
+    (_print_json if program().json else _print)(state)
 
 
 def next_step(*, kind: Kind = None) -> None:
@@ -92,10 +92,10 @@ def _answer(question: str) -> str:
 def _status(campaign: "Campaign", kind: "CampaignKind | None") -> "Status":
     """Return the state of a campaign; print a note on each run that cannot be read."""
     note_unreadable_fits(campaign)
-    found = status_of(campaign, kind=kind)
-    for error in found.unreadable:
+    state = status_of(campaign, kind=kind)
+    for error in state.unreadable:
         note(f"{error} The run does not count.")
-    return found
+    return state
 
 
 def _run_instead(words: tuple[str, ...], campaign: "Campaign") -> None:
@@ -104,25 +104,25 @@ def _run_instead(words: tuple[str, ...], campaign: "Campaign") -> None:
     os.execv(sys.executable, cfid_command(*words, "--campaign", str(campaign.folder)))
 
 
-def _print(found: "Status") -> None:
+def _print(state: "Status") -> None:
     table = Table(box=SIMPLE, pad_edge=False)
     for heading in ("fit", "runs", "state", "how sure", "what for"):
         width = 5 if heading == "how sure" else None  # keeps "4.2 %" on one line
         table.add_column(heading, overflow="fold", min_width=width)
-    for status in found.tasks:
+    for status in state.tasks:
         runs = f"{status.recorded} of {len(status.task.recordings)}"
         sure = "\n".join(percent(certainty.std) for certainty in status.found)
         purposes = "\n".join(certainty.aim.purpose for certainty in status.found)
         table.add_row(status.task.section, runs, status.state, sure, purposes)
     Console().print(table)
-    for sentence in found.remarks:
+    for sentence in state.remarks:
         echo(fitted(printable(sentence), indent=6))
-    if found.beside:
-        echo(fitted(printable(f"beside the plan: {', '.join(found.beside)}: `cfid parameters` shows them."), indent=6))
-    echo(fitted(f"next: {printable(found.next.command)}\n      {printable(found.next.why)}", indent=6))
+    if state.beside:
+        echo(fitted(printable(f"beside the plan: {', '.join(state.beside)}: `cfid parameters` shows them."), indent=6))
+    echo(fitted(f"next: {printable(state.next.command)}\n      {printable(state.next.why)}", indent=6))
 
 
-def _print_json(found: "Status") -> None:
+def _print_json(state: "Status") -> None:
     content = {
         "command": "status",
         "tasks": [
@@ -133,13 +133,13 @@ def _print_json(found: "Status") -> None:
                 "state": status.state,
                 "reason": status.reason,
                 "quantities": [
-                    {"key": one.key, "relative_std": one.std, "wanted_relative_std": one.aim.std}
-                    for one in status.found
+                    {"key": certainty.key, "relative_std": certainty.std, "wanted_relative_std": certainty.aim.std}
+                    for certainty in status.found
                 ],
             }
-            for status in found.tasks
+            for status in state.tasks
         ],
-        "beside": list(found.beside),
-        "next": {"command": list(found.next.words), "why": found.next.why},
+        "beside": list(state.beside),
+        "next": {"command": list(state.next.words), "why": state.next.why},
     }
     print_json(content)

@@ -84,11 +84,13 @@ class Status:
                 why = f"{status.task.section} was rejected: {status.reason} {advice}"
                 return _recorded_next(status.retry or status.task.recordings[-1], why)
         report: Words = ("report", *(("--kind", self.kind) if self.kind else ()))
-        unsure = [(found, status.task) for status in self.tasks for found in status.found if found.short_by > 1]
-        if weak := [(found, task) for found, task in unsure if not found.bounded_by]:
-            found, task = max(weak, key=lambda pair: pair[0].short_by)
+        unsure = [
+            (certainty, status.task) for status in self.tasks for certainty in status.found if certainty.short_by > 1
+        ]
+        if weak := [(certainty, task) for certainty, task in unsure if not certainty.bounded_by]:
+            certainty, task = max(weak, key=lambda pair: pair[0].short_by)
             enough = f"If it is enough: cfid {' '.join(report)}."
-            why = f"{found.key} is known to {percent(found.std)}; {found.aim.purpose}. {enough}"
+            why = f"{certainty.key} is known to {percent(certainty.std)}; {certainty.aim.purpose}. {enough}"
             return _recorded_next(task.recordings[-1], why)
         sure = "as sure as rig.toml allows" if unsure else "sure enough"
         return Next(words=report, why=f"everything is found, and {sure}.")
@@ -106,12 +108,12 @@ class Status:
             if status.reason and not (why.startswith(status.task.section) and status.reason in why)
         ]
         bounded = [
-            f"{found.key} is known to {percent(found.std)} because of the {found.bounded_by}, as rig.toml states it: "
-            "recording again alone does not change that. Measure it better and state it there first: what is stated of "
-            "an instrument counts for later recordings."
+            f"{certainty.key} is known to {percent(certainty.std)} because of the {certainty.bounded_by}, as rig.toml "
+            "states it: recording again alone does not change that. Measure it better and state it there first: what "
+            "is stated of an instrument counts for later recordings."
             for status in self.tasks
-            for found in status.found
-            if found.bounded_by
+            for certainty in status.found
+            if certainty.bounded_by
         ]
         return (*reasons, *bounded)
 
