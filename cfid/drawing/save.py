@@ -39,7 +39,7 @@ def save_figure(figure: Figure, stem: Path, *, force: bool = False) -> list[Path
             content = io.BytesIO()
             figure.savefig(content, format=kind, dpi=PNG_DPI, metadata=metadata)
             contents[stem.with_name(f"{stem.name}.{kind}")] = content.getvalue()
-    write_files(contents, force=force, is_own=_made_by_cfid)
+    write_files(contents, force=force, is_replaceable=_made_by_cfid)
     return list(contents)
 
 

@@ -133,15 +133,15 @@ def refuse_kept(path: Path) -> None:
 
 
 def write_files(
-    contents: Mapping[Path, bytes], *, force: bool = False, is_own: Callable[[Path], bool] = lambda _: False
+    contents: Mapping[Path, bytes], *, force: bool = False, is_replaceable: Callable[[Path], bool] = lambda _: False
 ) -> None:
-    """Write files whole, or none of them where one exists that is not cfid's `own` and `force` is not set.
+    """Write files whole, or none of them where one exists that is not replaceable and `force` is not set.
 
     Raises ConfigError, also for a file that a campaign keeps, and where one cannot be written.
     """
     try:
         for path in contents:
-            if path.exists() and is_own(path):
+            if path.exists() and is_replaceable(path):
                 continue
             refuse_kept(path)
             if (path.exists() or path.is_symlink()) and not force:

@@ -37,14 +37,14 @@ def measurements_of(fits: Iterable[Fit], in_force: Mapping[str, Fit]) -> dict[st
     for fit in sorted(fits, key=lambda fit: fit.order):
         # A fit of numbers alone has no sources, and is a measurement by itself.
         same.setdefault((fit.name, fit.hashes or id(fit)), []).append(fit)
-    measurements: dict[str, dict[Fit, int]] = {}
-    for (name, _), group in same.items():
-        valid = next((fit for fit in group if fit is in_force.get(name)), group[-1])
-        measurements.setdefault(name, {})[valid] = len(group) - 1
-    return {
-        name: {fit: found[fit] for fit in sorted(found, key=lambda fit: fit.order)}
-        for name, found in measurements.items()
+    valid = {
+        next((fit for fit in group if fit is in_force.get(name)), group[-1]): len(group) - 1
+        for (name, _), group in same.items()
     }
+    measurements: dict[str, dict[Fit, int]] = {name: {} for name, _ in same}
+    for fit in sorted(valid, key=lambda fit: fit.order):
+        measurements[fit.name][fit] = valid[fit]
+    return measurements
 
 
 def repeats_of(name: str, fits: Sequence[Fit]) -> dict[str, Any] | None:

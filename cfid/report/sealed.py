@@ -25,7 +25,7 @@ def write_report(path: Path, text: str, *, force: bool = False) -> None:
     content = text.encode("utf-8", "replace")
     digest = hashlib.sha256(content).hexdigest().encode()
     sealed = _MARK.sub(lambda mark: mark[1] + digest, content, count=1)
-    write_files({path: sealed}, force=force, is_own=_is_ours)
+    write_files({path: sealed}, force=force, is_replaceable=_is_ours)
 
 
 def _is_ours(path: Path) -> bool:

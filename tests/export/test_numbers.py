@@ -325,6 +325,9 @@ def test_what_was_not_measured_is_left_out_or_zero(tmp_path: Path) -> None:
     assert python("rotorpy", none, tmp_path)["k_d"] == 0
     assert attributes(xml("gym-pybullet-drones", none).find("properties"))["drag_coeff_xy"] == 0
     assert {e.text for e in xml("gazebo", none).iter("rotorDragCoefficient")} == {"0.0"}
+    rotor = next(link for link in xml("gazebo", none).iter("link") if link.attrib["name"] == "crazyflie/m1_prop")
+    assert rotor.findtext("visual/geometry/cylinder/radius") == "0.0231"  # a Crazyflie's propeller, as a disc
+    assert float(rotor.findtext("inertial/inertia/izz", "nan")) == pytest.approx(2.8e-4 * 0.0231**2 / 2)
     assert toml("crazyflow", none)["cf2x_L250"]["drag_matrix"] == [[0.0] * 3] * 3
     assert len(list(xml("mujoco", none).iter("general"))) == 4
     assert "DRAG_B_X" not in macros(export("firmware", none))
