@@ -26,7 +26,8 @@ from pydantic import (
 )
 
 from cfid.errors import ConfigError
-from cfid.quantities.registry import Platform
+from cfid.quantities.plausible import out_of_range
+from cfid.quantities.registry import Platform, range_of
 from cfid.records.files import RIG_FILE, first_fault, locked_folder, read_toml, write_whole
 from cfid.units import CRYSTAL_STD, FULL_COMMAND, MM, USUAL_GRAVITY_MPS2, factor
 from cfid.wire.lines import LineReader, Value
@@ -34,6 +35,8 @@ from cfid.wire.lines import LineReader, Value
 Number = Annotated[float, Field(strict=True)]  # strict: neither true nor "1" is a number
 Positive = Annotated[Number, Field(gt=0)]
 Spread = Annotated[Number, Field(ge=0)]
+
+_LEAST_CENTRE_MM = 0.1  # a tenth of what a balance on an edge shows
 
 
 class RigTable(BaseModel):
@@ -520,6 +523,20 @@ class VehicleData(RigTable):
     centre_of_mass_mm: Vector
     centre_of_mass_std_mm: SpreadVector = (0.0, 0.0, 0.0)
     body_frame: BodyFrame = BodyFrame()
+
+    @model_validator(mode="after")
+    def _in_its_units(self) -> Self:
+        expected = None if self.platform == "other" else range_of("mass_kg", self.platform)
+        fault = expected and out_of_range("mass_kg is implausible", self.mass_kg, expected, "kg")
+        if fault:
+            raise ValueError(f'{fault} For another kind of body write platform = "other"')
+        largest_mm = max(map(abs, self.centre_of_mass_mm))
+        if 0 < largest_mm < _LEAST_CENTRE_MM:
+            raise ValueError(
+                f"centre_of_mass_mm is {largest_mm:g} mm at most, which nobody measures: metres? Write zeros where the "
+                "origin is the centre of mass"
+            )
+        return self
 
 
 class Cuboid(RigTable):
