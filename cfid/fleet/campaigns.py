@@ -1,4 +1,4 @@
-"""Find the campaigns of a fleet, and the processes that work on them."""
+"""Find the campaigns of a fleet, and the processes or the cluster that work on them."""
 
 import glob
 import multiprocessing
@@ -10,13 +10,14 @@ from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Thread
+from typing import Any
 
 from cfid.errors import CfidError, ConfigError
 from cfid.records.choose import is_glob
 from cfid.records.files import read_small
 
-# One thread per process: more threads would wait for each other and sum in another order. Nothing is imported from the
-# working directory, which may hold a file such as queue.py.
+# One thread per process, as for a Dask worker: more threads would wait for each other and sum in another order. Nothing
+# is imported from the working directory, which may hold a file such as queue.py.
 _ENVIRONMENT = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "PYTHONSAFEPATH": "1"}
 
 
@@ -57,11 +58,16 @@ def _listed(index: Path) -> list[str]:
 
 
 @contextmanager
-def workers(jobs: int, *, most: int) -> Iterator[Executor]:
-    """Start `jobs` processes, by default one for each processor, but at most `most`.
+def workers(jobs: int, scheduler: str | None = None, *, most: int) -> Iterator[Executor]:
+    """Start `jobs` processes, by default one for each processor, but at most `most`; or use the Dask cluster there.
 
-    A single one is a thread of this process. Processes end with the context, also in the middle of their work.
+    A single one is a thread of this process. Processes end with the context, also in the middle of their work. Raises
+    ConfigError where no cluster answers.
     """
+    if scheduler is not None:
+        with _client(scheduler) as client:
+            yield client.get_executor()
+        return
     number = min(jobs or os.cpu_count() or 1, most)
     if number < 2:
         pool: Executor = ThreadPoolExecutor(1)
@@ -83,6 +89,17 @@ def _prepare() -> None:
     Thread(target=_end_with_command, daemon=True).start()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the command, too, which ends this process
     warnings.simplefilter("ignore")  # warnings of libraries do not name the campaign
+
+
+def _client(address: str) -> Any:
+    try:
+        from distributed import Client  # noqa: PLC0415 - an extra
+    except ImportError:
+        raise ConfigError("`scheduler`: Dask is not installed here: pip install 'cfid[fleet]'.") from None
+    try:
+        return Client(address, timeout="10s")
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"`scheduler` {address}: no Dask scheduler answers there: {error}") from None
 
 
 def _end_with_command() -> None:

@@ -37,6 +37,9 @@ Index = Annotated[
     typer.Option(metavar="FILE", help="File with one campaign per line, relative to the file; # starts a comment."),
 ]
 Jobs = Annotated[int, typer.Option(min=0, help="Number of processes; 0 means one per processor.")]
+Scheduler = Annotated[
+    str | None, typer.Option(metavar="ADDRESS", help="Address of a Dask cluster that can read and write the folders.")
+]
 
 
 def fleet(
@@ -47,6 +50,7 @@ def fleet(
         Path | None, typer.Option(metavar="FILE", help="Write the table to a new .csv, .parquet or .html file.")
     ] = None,
     jobs: Jobs = 0,
+    scheduler: Scheduler = None,
 ) -> None:
     """Compare the results of several campaigns: mean, scatter, expected scatter, outliers and drift of each number.
 
@@ -57,7 +61,7 @@ def fleet(
     if out is not None and out.suffix not in _SUFFIXES:
         raise ConfigError(f"{out}: should end in {', '.join(_SUFFIXES)}.")
     places, faults = campaign_folders(folders or [], index)
-    with workers(jobs, most=len(places) // _FOLDERS_FOR_A_PROCESS) as pool:
+    with workers(jobs, scheduler, most=len(places) // _FOLDERS_FOR_A_PROCESS) as pool:
         answers = list(pool.map(summarise, places))
     summaries = distinct([answer for answer in answers if not isinstance(answer, CfidError)])
     faults += [answer for answer in answers if isinstance(answer, CfidError)]
@@ -90,6 +94,7 @@ def fleet_fit(
         typer.Option("--set", metavar="NAME=VALUE", help="Change an option of the fits that have it; can be repeated."),
     ] = None,
     jobs: Jobs = 0,
+    scheduler: Scheduler = None,
 ) -> None:
     """Refit campaigns from their recordings: each fit that counts, into a new folder. No campaign is changed.
 
@@ -106,7 +111,7 @@ def fleet_fit(
         note(f"done already, and kept: {len(outcomes)} of {counted(len(listed), 'campaign')}.")
     waiting = {made: folder for folder, made, outcome in listed if not outcome}
     try:
-        for made, outcome in refits(waiting, out, changes, jobs=jobs):
+        for made, outcome in refits(waiting, out, changes, jobs=jobs, scheduler=scheduler):
             if isinstance(outcome, CfidError):
                 faults.append(outcome)
             else:

@@ -113,7 +113,7 @@ def refitted(folders: Sequence[str], out: Path, changes: Mapping[str, str]) -> I
 
 
 def refits(
-    waiting: Mapping[Path, str], out: Path, changes: Mapping[str, str], *, jobs: int
+    waiting: Mapping[Path, str], out: Path, changes: Mapping[str, str], *, jobs: int, scheduler: str | None = None
 ) -> Iterator[tuple[Path, Outcome | CfidError]]:
     """Refit the campaigns, by the folders to make; yield each with its outcome or why there is none, in any order.
 
@@ -128,7 +128,7 @@ def refits(
         with (
             locked_folder(out),  # another command that works there is waited for
             _workplace(out) as half,
-            workers(jobs, most=len(waiting)) as pool,
+            workers(jobs, scheduler, most=len(waiting)) as pool,
         ):
             futures = {pool.submit(refit, folder, half / made.name, changes): made for made, folder in waiting.items()}
             for count, future in enumerate(as_completed(futures), 1):

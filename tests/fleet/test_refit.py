@@ -117,6 +117,16 @@ def test_refitted_campaigns_have_the_numbers_of_their_commands_and_are_unchanged
         assert abs(days[0] - days[1]) < timedelta(seconds=1)
 
 
+def test_a_cluster_gives_the_same_to_the_last_bit(cfid: Cfid, campaigns: Path, tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed", reason="Dask is not installed: pip install 'cfid[fleet]'")
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0") as cluster:
+        address = cluster.scheduler_address
+        ended = cfid("fleet", "fit", campaigns / "c3", "--out", tmp_path / "out", "--scheduler", address)
+
+    assert ended.returncode == 0, ended.stderr
+    assert found_in(tmp_path / "out") == {"c3": found_in(campaigns)["c3"]}
+
+
 def test_a_fleet_continues_where_it_was_interrupted(campaigns: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     words = ["fleet", "fit", campaigns / "c*", "--out", out, "--jobs", 2]
