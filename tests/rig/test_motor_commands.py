@@ -403,7 +403,7 @@ def test_a_staircase_is_felt_by_the_load_cell(bench: Bench) -> None:
     steps = commands[commands.m1 > 0]
     assert steps.m1.tolist() == steps.m3.tolist() == up_and_down
     means = [
-        [cell[cell.t.between(begin_s + from_s, begin_s + to_s)].Fz.mean() for from_s, to_s in ((-0.1, 0), (0.6, 0.98))]
+        [cell[cell.t.between(begin_s + from_s, begin_s + to_s)].Fz.mean() for from_s, to_s in ((-0.5, 0), (0.4, 0.98))]
         for begin_s in steps.t
     ]
     thrust_n = [2 * 1.8e-8 * (381 + 0.0408 * step) ** 2 for step in up_and_down]
