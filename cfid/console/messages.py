@@ -96,21 +96,21 @@ def typed_line() -> str:
     return line.decode(errors="replace")
 
 
-def note(text: str) -> None:
-    """Print a note that the operator should know before using the result.
+def note(text: str, *, word: str = "note") -> None:
+    """Print a note that the operator should know before using the result, or another `word` before it.
 
     Where stderr cannot be written, as on a full disk, the command continues without the note, since it may be about to
     stop motors.
     """
     try:
-        typer.echo(noted(text), err=True)
+        typer.echo(noted(text, word=word), err=True)
     except OSError:
         drop_unwritable()
 
 
-def noted(text: str) -> str:
+def noted(text: str, *, word: str = "note") -> str:
     """Return a note as the terminal shows it."""
-    line = fitted(f"note: {in_options(text)}", indent=_HEAD, err=True)
+    line = fitted(f"{word}: {in_options(text)}", indent=_HEAD, err=True)
     return _coloured(line, typer.colors.YELLOW)
 
 

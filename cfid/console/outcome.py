@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import asdict, dataclass, replace
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
 
 _SHOWN = 2  # warnings
+_SIMULATED = "recording-simulated"
 
 
 _taken: ContextVar[list[Result] | None] = ContextVar("taken", default=None)
@@ -82,8 +84,10 @@ def deliver(result: Result, delivery: Delivery, workplace: "Workplace", *, keep:
     if program().json:
         print_json(_content(given, accepted=result.accepted, in_force=in_force))
     else:
+        _print(given, drawn)
         rejections = texts(result.findings, "rejection") if kept else ()  # otherwise the error states them
-        _print(given, drawn, _notes(result.findings, rejections, verbose=program().verbose))
+        for word, text in _notes(result.findings, rejections, verbose=program().verbose):
+            note(printable(text), word=word)
         if stem:
             echo(f"{'accepted' if result.accepted else 'rejected'}, kept as {stem}. Next: cfid status")
     if not kept:
@@ -94,17 +98,22 @@ def deliver(result: Result, delivery: Delivery, workplace: "Workplace", *, keep:
         raise ConfigError(f"{undrawn} Nothing is kept of this fit.") if campaign is not None else undrawn
 
 
-def _notes(findings: Sequence[Finding], rejections: Sequence[str], *, verbose: bool) -> list[str]:
-    """Return the sentences to print: rejections and warnings, then notes; without `verbose` two of the former alone.
+def _notes(findings: Sequence[Finding], rejections: Sequence[str], *, verbose: bool) -> list[tuple[str, str]]:
+    """Return the sentences to print, each with the word before it; without `verbose` two, and no notes.
 
-    What a fit warns of comes before what readers of files do.
+    What a fit warns of comes before what readers of files do. That a recording is simulated stands in the title.
     """
     of_fits_first = sorted(findings, key=lambda finding: finding.code in CODES)
-    warnings = [*(f"rejected: {text}" for text in rejections), *texts(of_fits_first, "warning")]
+    told = [one for one in of_fits_first if verbose or one.code != _SIMULATED]
+    warnings = [
+        *(("rejected", text) for text in rejections),
+        *(("warning", text) for text in texts(told, "warning")),
+    ]
     if verbose:
-        return [*warnings, *texts(findings, "note")]
-    shown, more = warnings[:_SHOWN], len(warnings[_SHOWN:])
-    return [*shown, f"{counted(more, 'more warning')}: `verbose` shows all."] if more else shown
+        return [*warnings, *(("note", text) for text in texts(findings, "note"))]
+    more = len(warnings[_SHOWN:])
+    rest = [("note", f"{counted(more, 'more warning')}: `verbose` shows all.")] if more else []
+    return [*warnings[:_SHOWN], *rest]
 
 
 def _standing(campaign: "Campaign", stem: str) -> tuple[bool, str]:
@@ -124,7 +133,7 @@ def _refusal(result: Result, campaign: "Campaign | None") -> RejectedError:
     """Print all rejections of a result but the first, each on a line of its own, and return that one as an error."""
     reason, *others = texts(result.findings, "rejection")
     for text in others:
-        note(f"rejected: {text}")
+        note(text, word="rejected")
     still = " The campaign's values are unchanged." if campaign is not None else ""
     return RejectedError(f"rejected: {reason}{still} Use --force to get the numbers anyway.")
 
@@ -177,13 +186,18 @@ def _draw(result: Result, delivery: Delivery) -> Sequence[Path]:
     return [path for paths in saved for path in paths]
 
 
-def _print(result: Result, drawn: Sequence[Path], notes: Sequence[str]) -> None:
-    if result.quantities:
-        print_parameters(result.quantities, title=f"cfid {result.command}")
+def _print(result: Result, drawn: Sequence[Path]) -> None:
+    hidden = () if program().verbose else result.beside
+    shown = {
+        key: quantity
+        for key, quantity in result.quantities.items()
+        if not any(fnmatchcase(key, pattern) for pattern in hidden)
+    }
+    if shown:
+        simulated = any(finding.code == _SIMULATED for finding in result.findings)
+        print_parameters(shown, title=f"cfid {result.command}{', simulated' * simulated}")
     for line in result.summary() if result.prints_lines or program().verbose else ():
         echo(fitted(in_options(printable(line))))
-    for text in notes:
-        note(printable(text))
-    for path in drawn:
-        if path.suffix == ".png":
-            echo(fitted(f"figure: {path} (and .svg)", indent=2, err=True), err=True)
+    if pictures := [path for path in drawn if path.suffix == ".png"]:
+        names = ", ".join(path.name for path in pictures)
+        echo(fitted(f"figures in {pictures[0].parent}: {names} (and .svg)", indent=2, err=True), err=True)

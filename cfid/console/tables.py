@@ -2,26 +2,38 @@
 
 from collections.abc import Mapping
 
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
-
-from cfid.console.messages import printable
+from cfid.console.messages import echo, printable
 from cfid.quantities.rounding import value_and_std
+from cfid.quantities.values import Number
 from cfid.records.parameters import Parameter
 
 
 def print_parameters(parameters: Mapping[str, Parameter], *, title: str) -> None:
-    """Print value, standard uncertainty and unit of every parameter, except lists of rows, which commands print.
+    """Print a line for every number: name, value and standard uncertainty, unit, and the latter relative to the value.
 
-    Nothing is printed if all parameters are lists of rows.
+    Lists of rows have no line: commands print them. Nothing is printed if all parameters are lists of rows.
     """
-    table = Table(title=Text(printable(title)), title_justify="left")
-    for heading in ("parameter", "value", "std", "unit"):
-        table.add_column(heading, justify="right" if heading in ("value", "std") else "left", overflow="fold")
-    for name, parameter in parameters.items():
-        for number in parameter.numbers(name):
-            cells = (number.name, *value_and_std(number.value, number.std), parameter.unit)
-            table.add_row(*(Text(printable(cell)) for cell in cells))
-    if table.row_count:
-        Console().print(table)
+    rows = [
+        (number.name, _with_std(number), parameter.unit, _relative(number))
+        for name, parameter in parameters.items()
+        for number in parameter.numbers(name)
+    ]
+    if not rows:
+        return
+    echo(title)
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for name, value, unit, relative in rows:
+        cells = (name.ljust(widths[0]), value.rjust(widths[1]), unit.ljust(widths[2]), relative.rjust(widths[3]))
+        echo(printable("  ".join(cells).rstrip()))
+
+
+def _with_std(number: Number) -> str:
+    value, std = value_and_std(number.value, number.std)
+    return value if std == "-" else f"{value} ± {std}"
+
+
+def _relative(number: Number) -> str:
+    """Return a standard uncertainty as a share of the value, "" where it is no smaller part of it."""
+    if not number.std or not number.value or abs(number.std) >= abs(number.value):
+        return ""
+    return f"{100 * abs(number.std / number.value):.2g} %"

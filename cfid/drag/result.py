@@ -72,6 +72,10 @@ def fit(
         method=method,
         quantities=quantities,
         wanted=quantities_of(models.chosen),
+        beside=(
+            "drag.sse*",
+            *(key for name in models.fits if name != models.chosen for key in quantities_of(name)),
+        ),
         findings=(*models.findings, *implausible_inputs([fastest], None, "drag.*")),
         merits=drag_merits(models, quantities),
         sources=experiments.sources,

@@ -100,6 +100,7 @@ def fit(
         method=method,
         quantities=quantities,
         wanted=(MATRIX,),
+        beside=("inertia.axis_kg_m2.*", "inertia.centre_kg_m2.*"),
         covariances=()
         if matrix is None
         else covariance_between({MATRIX: matrix.matrix_kg_m2.tolist()}, matrix.covariance),

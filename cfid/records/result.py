@@ -40,15 +40,16 @@ class Dependent:
 class Result:
     """The result of one analysis, the same type for every experiment.
 
-    `command` is the command that gives the result, `section` the name of its fit. `quantities` has every
-    quantity, rejected ones included; `wanted` are the keys that the analysis is for, or patterns of them; empty means
-    all. `merits` has the fit's figures of merit, which `quality` returns. `covariances` and `common` are as in a
-    section of a fit. `rests_on` names what the analysis takes from rig.toml, such as "vehicle.mass_kg" or
-    "mounts.x", in addition to what recordings themselves state. `facts` are numbers that recordings state and that the
-    quantities depend on, under rig.toml's keys; rig.toml should state the same. `suspects` are the mounts, or runs,
-    that a rejection names as wrong. `lines` are further lines, which `summary` returns and the terminal shows on
-    request, or always with `prints_lines`, where they are what the command is for. `drawings` makes the figures by file
-    name, and `folder` is their folder; without one, they are drawn on request alone.
+    `command` is the command that gives the result, `section` the name of its fit. `quantities` has every quantity,
+    rejected ones included; `wanted` are the keys that the analysis is for, or patterns of them; empty means all.
+    `beside` are patterns of those that the terminal shows on request alone. `merits` has the fit's figures of
+    merit, which `quality` returns. `covariances` and `common` are as in a section of a fit. `rests_on` names what
+    the analysis takes from rig.toml, such as "vehicle.mass_kg" or "mounts.x", in addition to what recordings
+    themselves state. `facts` are numbers that recordings state and that the quantities depend on, under rig.toml's
+    keys; rig.toml should state the same. `suspects` are the mounts, or runs, that a rejection names as wrong.
+    `lines` are further lines, which `summary` returns and the terminal shows on request, or always with
+    `prints_lines`, where they are what the command is for. `drawings` makes the figures by file name, and `folder` is
+    their folder; without one, they are drawn on request alone.
     """
 
     command: str
@@ -56,6 +57,7 @@ class Result:
     method: str
     quantities: Mapping[str, Parameter]
     wanted: tuple[str, ...] = ()
+    beside: tuple[str, ...] = ()
     findings: tuple[Finding, ...] = ()
     merits: Mapping[str, Any] = field(default_factory=dict)
     sources: tuple[Source, ...] = ()

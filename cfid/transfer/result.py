@@ -31,6 +31,7 @@ Quantities = dict[str, Parameter]
 SECTION = "tf"
 
 _WANTED = ("tf.numerator", "tf.denominator", "tf.static_gain_n", "tf.time_constant_s", "tf.delay_s")
+_BESIDE = ("tf.series.*", "tf.sample_time_s", "tf.delay_after_quickest_s")
 _GAIN, _LAG = "tf.static_gain_n", "tf.time_constant_s"
 _LARGEST_OFF_SLOPE = 0.1  # of the thrust map's slope: the largest difference of a static gain without a warning
 
@@ -133,6 +134,7 @@ def _of_fit(found: Identified, thesis: ThesisFit | str, sines: SineSet, beside: 
             "tf.frequency_response": Parameter(value=rows),
         },
         wanted=_WANTED,
+        beside=_BESIDE,
         facts=_facts(sines),
         covariances=covariance_between(values, covariance),
         merits={
@@ -174,6 +176,7 @@ def _of_thesis(found: ThesisFits, sines: SineSet, beside: _Beside) -> Result:
             "tf.frequency_response": Parameter(value=rows),
         },
         wanted=_WANTED,
+        beside=_BESIDE,
         facts=_facts(sines),
         merits={
             "form": "thesis",

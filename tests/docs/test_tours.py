@@ -82,7 +82,7 @@ def agrees(shown: str, printed: str) -> bool:
     """Return whether a printed line agrees with a line of a page; ` ...` at its end stands for any text.
 
     Whole numbers and words are the same. Other numbers may differ by two of their last digit, or by one in two
-    thousand, and a value in a table by a fifth of its standard uncertainty. Files store times as Unix time, to a
+    thousand, and a value by a fifth of its standard uncertainty. Files store times as Unix time, to a
     quarter of a microsecond, so a recording with the same seed is rounded differently at another hour.
     """
     shown = shown.rstrip()
@@ -92,11 +92,10 @@ def agrees(shown: str, printed: str) -> bool:
     if NUMBER.sub("#", shown) != NUMBER.sub("#", printed):
         return False
     numbers = NUMBER.findall(shown)
-    broken = [place for place, number in enumerate(numbers) if "." in number]
     rooms = [0.0] * len(numbers)
-    if shown.startswith("│") and len(broken) > 1:
-        value, std = broken[-2:]
-        rooms[value] = abs(float(numbers[std])) / 5
+    if " ± " in shown:
+        std = len(NUMBER.findall(shown.partition(" ± ")[0]))
+        rooms[std - 1] = abs(float(numbers[std])) / 5
     return all(map(_near, numbers, NUMBER.findall(printed), rooms))
 
 
