@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from cfid.console.messages import echo, printable
-from cfid.quantities.rounding import value_and_std
+from cfid.quantities.rounding import with_std
 from cfid.quantities.values import Number
 from cfid.records.parameters import Parameter
 
@@ -14,7 +14,7 @@ def print_parameters(parameters: Mapping[str, Parameter], *, title: str) -> None
     Lists of rows have no line: commands print them. Nothing is printed if all parameters are lists of rows.
     """
     rows = [
-        (number.name, _with_std(number), parameter.unit, _relative(number))
+        (number.name, with_std(number.value, number.std), parameter.unit, _relative(number))
         for name, parameter in parameters.items()
         for number in parameter.numbers(name)
     ]
@@ -25,11 +25,6 @@ def print_parameters(parameters: Mapping[str, Parameter], *, title: str) -> None
     for name, value, unit, relative in rows:
         cells = (name.ljust(widths[0]), value.rjust(widths[1]), unit.ljust(widths[2]), relative.rjust(widths[3]))
         echo(printable("  ".join(cells).rstrip()))
-
-
-def _with_std(number: Number) -> str:
-    value, std = value_and_std(number.value, number.std)
-    return value if std == "-" else f"{value} ± {std}"
 
 
 def _relative(number: Number) -> str:

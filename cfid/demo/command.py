@@ -2,22 +2,26 @@
 
 import os
 import subprocess
+import sys
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.console import Console
+from rich.progress import Progress
 
 from cfid.console.campaign import make_campaign
 from cfid.console.messages import echo, result
-from cfid.demo.fits import HANDED_ON, print_comparison, print_ended, run_command, runs_by_kind
+from cfid.demo.fits import HANDED_ON, keep_ended, print_comparison, run_command, runs_by_kind
 from cfid.demo.recordings import Laboratory, experiments
 from cfid.demo.truth import demo_truth, true_values
 from cfid.errors import ConfigError
 from cfid.records.campaign import open_campaign
 from cfid.sim.truth import load_truth
 
+PRINTED = "demo.txt"  # what the demo's commands printed, in the campaign's folder
 _AT_ONCE = 2  # fits at a time: one for each processor of a small computer
 
 
@@ -49,24 +53,30 @@ def demo(
     run = partial(run_command, folder=campaign.folder, environment=dict(os.environ))
     fits_options = "" if figures else " --no-figures"
     running: list[tuple[str, Future[subprocess.CompletedProcess[str]]]] = []
-    echo(f"recording on the simulated rig (seed {seed}), and fitting meanwhile ...", err=True)
-    with ThreadPoolExecutor(_AT_ONCE) as pool:
+    echo(f"{count} recordings on the simulated rig (seed {seed}), and their fits: about a minute ...", err=True)
+    # A console of its own, since recordings keep what they print, and no thread, since they redirect it.
+    progress = Progress(console=Console(file=sys.stderr), transient=True, auto_refresh=False)
+    with ThreadPoolExecutor(_AT_ONCE) as pool, progress, (folder / PRINTED).open("w", encoding="utf-8") as printed:
+        task = progress.add_task("recording", total=count)
         try:
             for recordings, fits in plan:
                 for recording in recordings:
                     laboratory.make(recording)
-                    echo(f"{laboratory.made} of {count} recorded: cfid {recording.words}", err=True)
+                    printed.write(f"$ cfid {recording.words}\n")
+                    progress.update(task, completed=laboratory.made, refresh=True)
                 names = runs_by_kind(campaign)
                 for words in (fit.format(**names) for fit in fits):
                     running.append((words, pool.submit(run, words + fits_options)))
+            progress.update(task, description="fitting", refresh=True)
             for words, future in running:
-                print_ended(words, future.result())
+                keep_ended(words, future.result(), printed)
             for words in HANDED_ON:
-                print_ended(words, run(words))
+                keep_ended(words, run(words), printed)
         except BaseException as error:
             pool.shutdown(wait=False, cancel_futures=True)
             if isinstance(error, KeyboardInterrupt):
                 echo(f"\nstopped: {folder} holds a part of the demo; delete it before you start again.", err=True)
             raise
     print_comparison(campaign, true_values(drawn, campaign.rig, seed=seed))
-    result(f"the campaign is {folder}: open {folder / 'report.html'}; `cfid parameters` there lists what is known.")
+    header = folder / "exports" / "cfid_platform_defaults.h"
+    result(f"report: {folder / 'report.html'}\nheader: {header}\nwhat the commands printed: {folder / PRINTED}")

@@ -4,18 +4,17 @@ import math
 import subprocess
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import TextIO
 
-from rich.console import Console
-from rich.table import Table
-
-from cfid.console.messages import echo, headline, result
+from cfid.console.messages import echo
 from cfid.console.program import cfid_command
 from cfid.errors import FitError
-from cfid.quantities.rounding import value_and_std
+from cfid.quantities.rounding import with_std
 from cfid.records.campaign import Campaign
 from cfid.records.values import Values
 from cfid.units import COVERAGE_95
 
+_NAME = 35  # characters of the longest name
 HANDED_ON = ("export firmware", "export crazyflow", "export mujoco", "report")
 
 
@@ -25,10 +24,9 @@ def run_command(words: str, folder: Path, *, environment: Mapping[str, str]) -> 
     return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
 
 
-def print_ended(words: str, ended: subprocess.CompletedProcess[str]) -> None:
-    """Print a command and its output. Raises FitError where it failed."""
-    headline(f"\n$ cfid {words}")
-    echo(ended.stdout, nl=False)
+def keep_ended(words: str, ended: subprocess.CompletedProcess[str], printed: TextIO) -> None:
+    """Write a command and its output into a file. Raises FitError where it failed."""
+    printed.write(f"\n$ cfid {words}\n{ended.stdout}{ended.stderr}")
     if ended.returncode:
         raise FitError(f"cfid {words} failed: {ended.stderr.strip()}")
 
@@ -42,20 +40,15 @@ def runs_by_kind(campaign: Campaign) -> dict[str, list[str]]:
 
 
 def print_comparison(campaign: Campaign, truth: Mapping[str, float]) -> None:
-    """Print the true value next to every estimate, and whether the 95 % interval contains it."""
-    table = Table(title="true values of the simulation and estimates", title_justify="left")
-    table.add_column("parameter", overflow="fold")
-    for heading in ("truth", "estimate", "std", "in 95 %"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    """Print the true value next to every estimate, and which 95 % intervals do not contain it."""
     rows = list(compared(campaign.values(), truth))
+    echo(f"{'':<{_NAME}}  {'truth':>11}  measured")
     for name, true, value, std in rows:
-        table.add_row(name, f"{true:.5g}", *value_and_std(value, std), "yes" if covers(true, value, std) else "no")
-    Console().print(table)
+        beyond = "" if covers(true, value, std) else "  beyond 95 %"
+        echo(f"{name:<{_NAME}}  {true:>11.5g}  {with_std(value, std)}{beyond}")
     inside = sum(covers(true, value, std) for _, true, value, std in rows)
-    result(
-        f"{inside} of {len(rows)} lie in their 95 % interval. 'no' is no failure: a 95 % interval misses one time in "
-        "twenty, and numbers of one fit miss together. `--seed` draws another lab."
-    )
+    missed = "" if inside == len(rows) else "; such an interval misses one time in twenty, numbers of one fit together"
+    echo(f"{inside} of {len(rows)} true values lie in the 95 % intervals{missed}")
 
 
 def compared(values: Values, truth: Mapping[str, float]) -> Iterator[tuple[str, float, float, float | None]]:

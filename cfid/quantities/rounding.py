@@ -18,6 +18,12 @@ def value_and_std(value: Any, std: Any) -> tuple[str, str]:
     return _rounded(value, last_place, max(abs(value), std)), _rounded(std, last_place, std)
 
 
+def with_std(value: Any, std: Any) -> str:
+    """Return a value and its standard uncertainty as one text, such as 16.42 ± 0.05; an unknown one is left out."""
+    shown, spread = value_and_std(value, std)
+    return shown if spread == "-" else f"{shown} ± {spread}"
+
+
 def _place(number: float) -> int:
     """Return the power of ten of a number's first digit."""
     return math.floor(math.log10(abs(number)))

@@ -85,7 +85,9 @@ def test_a_demo_measures_everything_hands_it_on_and_is_never_mixed_with_another(
     assert len(found) == 25
     far = [name for name, true, value, std in found if std is None or abs(value - true) > 3 * std]
     assert far == []
-    assert f"{sum(covers(*row[1:]) for row in found)} of 25 lie in their 95 % interval" in done.stdout
+    assert f"{sum(covers(*row[1:]) for row in found)} of 25 true values lie in the 95 % intervals" in done.stdout
+    assert len((done.stdout + done.stderr).splitlines()) <= 40
+    assert "cfid fit inertia" in (folder / "demo.txt").read_text()
 
     if BROWSER is not None:
         report = (folder / "report.html").read_text()
