@@ -18,6 +18,7 @@ _SLOWEST_HZ = 0.5
 _USUAL_COLUMNS = 80  # the assumed width of a terminal that reports none, such as a serial line
 _INDENT = 2  # of the second and later lines of a message
 _BARS = "▁▂▃▄▅▆▇█"
+_FEWEST_BARS = 8  # fewer show no course
 
 
 class LiveLine:
@@ -104,12 +105,14 @@ class LiveLine:
 
 
 def fitting(parts: Sequence[str], columns: int) -> str:
-    """Return as many whole parts as fit on a line, at least a beginning of the first."""
+    """Return as many whole parts as fit on a line, at least a beginning of the first; of bars, the latest that fit."""
     line = parts[0][:columns]
     for part in parts[1:]:
-        if len(line) + len(part) + 2 > columns:
+        room = columns - len(line) - 2
+        shown = part[-room:] if part[0] in _BARS and room >= _FEWEST_BARS else part
+        if len(shown) > room:
             break
-        line = f"{line}  {part}"
+        line = f"{line}  {shown}"
     return line
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cfid.console.live import line_of
+from cfid.console.live import fitting, line_of
 from cfid.rig.instrument import Block
 from cfid.rig.progress import Reading, degrees, displayed, first_force, volts
 from cfid.rig.recorder import Recorder
@@ -98,3 +98,10 @@ def test_a_silent_device_shows_no_old_value(arrivals_s: Collection[float], until
     assert shown[-1] == f"crazyflie: no data {silent} s"
     assert {text for block, text in enumerate(shown) if block in blocks} <= {"3.92 V"}
     assert silent != "10.0" or {"3.92 V"} == set(shown[20:160])
+
+
+def test_a_narrow_terminal_keeps_the_latest_part_of_the_trace() -> None:
+    parts = ["  12.3 s left", "x 31.2 deg", "1000 Hz", "▁▂▃▄▅▆▇█" * 5]
+
+    assert fitting(parts, 60) == "  12.3 s left  x 31.2 deg  1000 Hz  " + ("▁▂▃▄▅▆▇█" * 5)[-24:]
+    assert fitting(parts, 40) == "  12.3 s left  x 31.2 deg  1000 Hz"
