@@ -103,7 +103,7 @@ _BRUSHLESS: Mapping[str, tuple[Assignment, ...]] = {
 }
 _DROPS = tuple(
     Assignment(
-        words=("log", "encoder", "--weight", str(grams), "--for", "20"),
+        words=("log", "encoder", "--weight", f"{grams}:0.03", "--for", "20"),  # as scales of 0.1 g show
         reminder=f"Wind the line around the axis in one layer, hang {grams} g on it, and start; then let it go.",
         kind="drop",
         label=Label(weight_g=grams),

@@ -71,7 +71,7 @@ class Operator:
                 seed=1,
                 truth=SimTruth.model_validate(truth),
                 axis=place.get("--axis"),
-                weight_g=float(place["--weight"]) if "--weight" in place else None,
+                weight_g=float(place["--weight"].partition(":")[0]) if "--weight" in place else None,
             ),
             unix_s=self._now_s,
             time=PausingClock(),
