@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -20,6 +20,7 @@ from cfid.estimate.voltage_cubic import cubic_fault
 from cfid.quantities.plausible import implausible
 from cfid.quantities.registry import UNITS, Shape, find, unit_of
 from cfid.quantities.rounding import value_and_std
+from cfid.quantities.values import ENTRIES, shape_error
 from cfid.records.parameters import Parameter
 from cfid.records.rig_file import change_rig
 
@@ -103,9 +104,9 @@ def set_by_hand(
     value: Annotated[
         str,
         typer.Argument(
-            metavar="VALUE[:STD]",
-            help="A number and its standard uncertainty; motor.thrust_voltage_poly takes four numbers, separated by "
-            "commas.",
+            metavar="VALUE[:STD],...",
+            help="A number and its standard uncertainty, or several separated by commas: coefficients, or xx, yy, zz, "
+            "xy, xz, yz of a matrix; -- stands before a negative one.",
         ),
     ],
     *,
@@ -115,48 +116,75 @@ def set_by_hand(
 
     A thrust over motor voltage is stored only if the firmware can invert it.
 
-    Example: [bold]cfid set mass_kg 0.0280:0.0001[/bold]
+    Example: [bold]cfid set motor.max_thrust_n 0.15:0.01[/bold]
     """
     campaign = here()
-    words, colon, spread = value.partition(":")
-    numbers = _numbers(words, name)
-    if "," in spread or (len(numbers) > 1 and (colon or name != _CUBIC)):
-        raise ConfigError(f"{name}: '{value}' is not a number, alone or with its standard uncertainty.")
-    std = _numbers(spread, name)[0] if colon else None
-    if std is not None and std <= 0:
-        raise ConfigError(
-            f"{name}: a standard uncertainty of {std:g} is not above zero, and nothing measured is exact: state it, or "
-            "leave it out where it is unknown."
+    numbers, stds = _typed(name, value)
+    several = (row := find(name)) is not None and row.shape not in (Shape.NUMBER, Shape.NUMBER_OR_LIST)
+    if len(numbers) > 1 or several:
+        of_matrix = row is not None and row.shape is Shape.MATRIX and len(numbers) == len(ENTRIES)
+        parameter = Parameter(
+            value=_matrix(numbers) if of_matrix else numbers,
+            std=None if stds is None else _matrix(stds) if of_matrix else stds,
         )
+    else:
+        parameter = Parameter(value=numbers[0], std=None if stds is None else stds[0])
+    _check(name, parameter, numbers, campaign, platform="other" if force else campaign.rig.vehicle.platform)
+    if name in _IN_RIG:
+        where = _into_rig(campaign, name, numbers[0], None if stds is None else stds[0])
+    else:
+        where = _into_parameters(campaign, name, parameter)
+    spreads = [""] * len(numbers) if stds is None else [f" +- {std:g}" for std in stds]
+    stated = ", ".join(f"{number:g}{spread}" for number, spread in zip(numbers, spreads, strict=True))
+    echo(f"{name} is {stated}: {where}")
+
+
+def _typed(name: str, words: str) -> tuple[list[float], list[float] | None]:
+    """Return the numbers and their standard uncertainties; None where none has one. Raises ConfigError."""
+    pairs = [word.partition(":") for word in words.split(",")]
+    try:
+        numbers = [float(number) for number, _, _ in pairs]
+        stds = [float(std) for _, colon, std in pairs if colon]
+    except ValueError:
+        raise ConfigError(f"{name}: '{words}' is not VALUE[:STD], or several of them separated by commas.") from None
+    if not all(map(math.isfinite, (*numbers, *stds))):
+        raise ConfigError(f"{name}: a value and its standard uncertainty must be finite numbers.")
+    if stds and len(stds) < len(numbers):
+        raise ConfigError(f"{name}: state the standard uncertainty of each number, or of none.")
+    if min(stds, default=1.0) <= 0:
+        raise ConfigError(
+            f"{name}: a standard uncertainty of {min(stds):g} is not above zero, and nothing measured is exact: state "
+            "it, or leave it out where it is unknown."
+        )
+    return numbers, stds or None
+
+
+def _matrix(numbers: Sequence[float]) -> list[list[float]]:
+    """Return the symmetric matrix (3, 3) of its entries xx, yy, zz, xy, xz, yz."""
+    matrix = [[0.0] * 3 for _ in range(3)]
+    for number, (i, j) in zip(numbers, ENTRIES.values(), strict=True):
+        matrix[i][j] = matrix[j][i] = number
+    return matrix
+
+
+def _check(
+    name: str, parameter: Parameter, numbers: Sequence[float], campaign: "Campaign", *, platform: "Platform"
+) -> None:
+    """Raise ConfigError for a name that cannot be stored, another shape, and what no vehicle of the platform has."""
+    row = find(name)
+    if not _NAME.fullmatch(name) and (row is None or row.of_the_run or row.shape is Shape.ROWS):
+        raise ConfigError(
+            f"'{name}': no parameter that can be set. A name of yours has small letters, digits and single "
+            "underscores, like arm_m."
+        )
+    if fault := shape_error(name, parameter.value, parameter.std):
+        raise ConfigError(f"{name} {fault}, and {len(numbers)} given: write them with commas.")
     if name == _CUBIC:
         most = campaign.values().find(_MOST)
         if fault := cubic_fault(numbers, max_thrust_n=None if most is None else most.parameter.value):
             raise ConfigError(f"{fault} Nothing was changed.")
-        where = _into_parameters(campaign, name, numbers, None)
-    else:
-        _check(name, numbers[0], std, platform="other" if force else campaign.rig.vehicle.platform)
-        into = _into_rig if name in _IN_RIG else _into_parameters
-        where = into(campaign, name, numbers[0], std)
-    stated = ", ".join(f"{number:g}" for number in numbers)
-    echo(f"{name} is {stated}{f' +- {std:g}' if std is not None else ''}: {where}")
-
-
-def _numbers(words: str, name: str) -> list[float]:
-    try:
-        return [float(word) for word in words.split(",")]
-    except ValueError:
-        raise ConfigError(f"{name}: '{words}' is not a number.") from None
-
-
-def _check(name: str, value: float, std: float | None, *, platform: "Platform") -> None:
-    row = find(name)
-    is_single = row is not None and row.shape is Shape.NUMBER and not row.of_the_run
-    if not _NAME.fullmatch(name) and not is_single:
-        raise ConfigError(f"'{name}': a name has small letters, digits and single underscores, like arm_m.")
-    if not math.isfinite(value) or (std is not None and not math.isfinite(std)):
-        raise ConfigError(f"{name}: a value and its standard uncertainty must be finite numbers.")
-    senseless = value <= 0 and name in _IN_RIG  # rig.toml's own check names the key
-    if not senseless and (fault := implausible(name, value, platform=platform)):
+    senseless = name in _IN_RIG and numbers[0] <= 0  # rig.toml's own check names the key
+    if not senseless and (fault := implausible(name, parameter.value, std=parameter.std, platform=platform)):
         raise ConfigError(f"{fault} Nothing was changed; --force stores it anyway.")
 
 
@@ -168,13 +196,13 @@ def _into_rig(campaign: "Campaign", name: str, value: float, std: float | None) 
     return f"{path}, {table}.{key}. Earlier fits used the old number: fit again."
 
 
-def _into_parameters(campaign: "Campaign", name: str, value: float | list[float], std: float | None) -> str:
+def _into_parameters(campaign: "Campaign", name: str, parameter: Parameter) -> str:
     unit = unit_of(name)
     if not unit:
         units = ", ".join(UNITS)
         raise ConfigError(f"'{name}': its unit is unknown: end the name with one ({units}).")
     write_parameters(campaign)
-    path = campaign.keep_by_hand(name, Parameter(value=value, std=std, unit=unit))
+    path = campaign.keep_by_hand(name, replace(parameter, unit=unit))
     return f"{path}. It counts before all fits."
 
 

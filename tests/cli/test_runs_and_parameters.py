@@ -183,6 +183,29 @@ def test_a_rig_file_that_is_a_link_stays_one_and_keeps_its_permissions(cfid: Cfi
     assert file.stat().st_mode & 0o777 == 0o600
 
 
+def test_any_quantity_that_is_registered_can_be_set_with_all_its_numbers(cfid: Cfid, campaign: Campaign) -> None:
+    matrix = "16.6e-6:1e-7,16.7e-6:1e-7,29.3e-6:1e-7,0.8e-6:2e-7,0.7e-6:2e-7,1.8e-6:2e-7"
+    words = {
+        "motor.torque_poly": ["0.006:0.0001,0:1e-6"],
+        "drag.simple_kg_per_rad": ["--", "-9e-7:1e-8,-9e-7:1e-8,-1e-6:2e-8"],
+        "inertia.matrix_kg_m2": [matrix],
+    }
+    for name, value in words.items():
+        assert cfid("set", name, *value).returncode == 0
+    found = {key: one.as_json() for key, one in sections_at(campaign.folder)["set"].parameters.items()}
+
+    assert found["motor.torque_poly"] == {"value": [0.006, 0], "std": [1e-4, 1e-6], "unit": "Nm(N)"}
+    assert found["drag.simple_kg_per_rad"]["value"] == [-9e-7, -9e-7, -1e-6]
+    assert found["inertia.matrix_kg_m2"]["value"][0] == [16.6e-6, 0.8e-6, 0.7e-6]
+    assert found["inertia.matrix_kg_m2"]["std"][2] == [2e-7, 2e-7, 1e-7]
+    for name, value in (
+        ("motor.torque_poly", "0.006:0.0001,0"),
+        ("inertia.matrix_kg_m2", "1e-6,2e-6"),
+        ("foo.bar", "3"),
+    ):
+        assert cfid("set", name, value).returncode == 2
+
+
 def test_what_no_fit_finds_stands_in_a_section_of_its_own(cfid: Cfid, campaign: Campaign) -> None:
     cfid("set", "arm_m", "0.046:0.0005")
     cfid("set", "thing_m", "3")
@@ -201,7 +224,7 @@ def test_what_no_fit_finds_stands_in_a_section_of_its_own(cfid: Cfid, campaign: 
     [
         ("mass_kg 0", "vehicle.mass_kg: should be greater than 0"),
         ("wind_m_per_s 3", "its unit is unknown"),
-        ("Arm_m 3", "a name has small letters"),
+        ("Arm_m 3", "no parameter that can be set"),
         ("arm_m nan", "finite numbers"),
         ("arm_m 1:inf", "finite numbers"),
         ("arm_m 0.046:0", "not above zero"),
