@@ -198,12 +198,12 @@ def test_any_quantity_that_is_registered_can_be_set_with_all_its_numbers(cfid: C
     assert found["drag.simple_kg_per_rad"]["value"] == [-9e-7, -9e-7, -1e-6]
     assert found["inertia.matrix_kg_m2"]["value"][0] == [16.6e-6, 0.8e-6, 0.7e-6]
     assert found["inertia.matrix_kg_m2"]["std"][2] == [2e-7, 2e-7, 1e-7]
-    for name, value in (
+    for name, wrong in (
         ("motor.torque_poly", "0.006:0.0001,0"),
         ("inertia.matrix_kg_m2", "1e-6,2e-6"),
         ("foo.bar", "3"),
     ):
-        assert cfid("set", name, value).returncode == 2
+        assert cfid("set", name, wrong).returncode == 2
 
 
 def test_what_no_fit_finds_stands_in_a_section_of_its_own(cfid: Cfid, campaign: Campaign) -> None:
