@@ -94,9 +94,8 @@ def _collected(campaign: Campaign) -> tuple[ExportVehicle, Values]:
     """Return a campaign's vehicle and values. Raises DataError if a kept fit cannot be read."""
     if write_parameters(campaign):
         raise DataError("an export needs all kept fits: restore those that cannot be read, or move them out of fits/.")
-    simulated = {run.folder.name for run in campaign.runs(complete=False) if run.header.simulated}
     values = campaign.values()
-    return collect(campaign.rig, values, campaign=campaign.folder.resolve().name, simulated=simulated), values
+    return collect(campaign.rig, values, campaign=campaign.folder.resolve().name), values
 
 
 def _print_written(target: str, paths: Sequence[Path], notes: Sequence[str], **facts: Any) -> None:

@@ -1,6 +1,6 @@
 """Collect a campaign's quantities once for all exports, as measured: neither turned nor converted."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -121,12 +121,8 @@ def keys_of(key: str) -> tuple[str, ...]:
     return _DRAG if key == "drag" else (key,)
 
 
-def collect(
-    rig: Rig, values: Values, *, rig_file: str = "rig.toml", campaign: str = "", simulated: Collection[str] = ()
-) -> ExportVehicle:
+def collect(rig: Rig, values: Values, *, rig_file: str = "rig.toml", campaign: str = "") -> ExportVehicle:
     """Collect what the exports need from a campaign's rig and its values.
-
-    `simulated` contains the names of the runs that were recorded on a simulated rig.
 
     Raises ConfigError when the rig does not state which body axis points forward, since nothing could be turned then.
     """
@@ -136,7 +132,7 @@ def collect(
             '(the thesis: forward = "y", left = "-x", up = "z"); an export without it could be turned wrongly.'
         )
     counting = {value.key: found for value in values if (found := values.find(value.key)) is not None}
-    fitted = {key: _quantity(value, rig, simulated) for key, value in counting.items()}
+    fitted = {key: _quantity(value, rig) for key, value in counting.items()}
     known = {key: quantity for key, quantity in fitted.items() if _is_known(quantity.value)}
     stated = _stated(rig, rig_file)
     if "arm_m" in known or rig.loadcell.arm_mm is None:
@@ -148,7 +144,7 @@ def collect(
     quantities = known | stated
     further = {
         name: [
-            _quantity(Quantity(key=key, fit=fit, rejection=fit.section.rejected.get(key, "")), rig, simulated)
+            _quantity(Quantity(key=key, fit=fit, rejection=fit.section.rejected.get(key, "")), rig)
             for key in fit.section.parameters
             if key not in counting or counting[key].fit is not fit
         ]
@@ -197,7 +193,7 @@ def _stated(rig: Rig, rig_file: str) -> dict[str, ExportQuantity]:
     }
 
 
-def _quantity(value: Quantity, rig: Rig, simulated: Collection[str]) -> ExportQuantity:
+def _quantity(value: Quantity, rig: Rig) -> ExportQuantity:
     key, section = value.key, value.section
     commands = _commands(section)
     recordings = dict.fromkeys(source.run or Path(source.path).name for source in section.sources)
@@ -210,7 +206,7 @@ def _quantity(value: Quantity, rig: Rig, simulated: Collection[str]) -> ExportQu
         caveats.append(Caveat("OTHER RIG", other))
     if value.rejection:
         caveats.append(Caveat("REJECTED", value.rejection))
-    if any(run in simulated for run in recordings):
+    if section.simulated:
         caveats.append(Caveat("SIMULATED", "no vehicle was measured"))
     return ExportQuantity(
         key=key,

@@ -30,7 +30,7 @@ from cfid.records.parameters_file import is_as_written, text_of
 from cfid.records.plausibility import judged
 from cfid.records.result import Result
 from cfid.records.rig_file import Rig, load_rig, stated
-from cfid.records.run import Run, list_runs, run_at
+from cfid.records.run import Run, list_runs, run_at, run_holding
 from cfid.records.stale import stale_in
 from cfid.records.values import Values
 from cfid.version import __version__
@@ -185,10 +185,9 @@ class Campaign(BaseModel):
         path = self.parameters_file
         try:
             with locked_folder(self.folder):
-                simulated = {run.folder.name for run in self.runs(complete=False) if run.header.simulated}
                 own_name = self.folder.resolve().name
                 values = self.values()
-                text = text_of(values, name=own_name, version=__version__, simulated=simulated)
+                text = text_of(values, name=own_name, version=__version__)
                 before = read_small(path) if path.exists() else b""
                 strange = before != b"" and not is_as_written(before.decode("utf-8", "replace"))
                 was = ""
@@ -206,6 +205,8 @@ class Campaign(BaseModel):
         """Return the section that stores a result; `given` is the part of the result that is kept."""
         sources = tuple(Source(self._path_in(source.path), source.sha256) for source in given.sources)
         runs = (run_at(self.runs_folder / name) for name in runs_of(sources))
+        files = [Path(source.path) for source in given.sources if "://" not in source.path]
+        recordings = [run_holding(path) for path in {path.resolve().parent: path for path in files}.values()]
         return Section(
             method=given.method,
             found=datetime.now(UTC).replace(microsecond=0),
@@ -220,6 +221,7 @@ class Campaign(BaseModel):
             facts=result.facts,
             suspects=result.suspects,
             runs={run.folder.name: run.header.stated_sha256 for run in runs if run is not None},
+            simulated=any(run.header.simulated for run in recordings if run is not None),
         )
 
     def _path_in(self, path: str) -> str:

@@ -61,6 +61,7 @@ class Section:
     under rig.toml's keys; `facts` are numbers under such keys that the fit took from its recordings or from an option.
     `suspects` are the mounts whose recordings contradict each other or those of other mounts, or the single run that
     contradicts the others. `runs` has a checksum of what run.toml stated for each of the fit's runs in the campaign.
+    `simulated` is whether any of its recordings is of a simulated rig, wherever it lies.
     """
 
     method: str
@@ -76,6 +77,7 @@ class Section:
     facts: Mapping[str, float] = field(default_factory=dict)
     suspects: tuple[str, ...] = ()
     runs: Mapping[str, str] = field(default_factory=dict)
+    simulated: bool = False
 
 
 def runs_of(sources: Iterable[Source]) -> tuple[str, ...]:

@@ -5,7 +5,6 @@ The last line is a checksum of the others, so that a file that was cut or edited
 
 import hashlib
 import math
-from collections.abc import Collection
 from typing import Any
 
 import tomlkit
@@ -26,8 +25,8 @@ _SEAL = "# checksum: "
 _SERIES = "tf.series."
 
 
-def text_of(values: Values, *, name: str, version: str, simulated: Collection[str] = ()) -> str:
-    """Return the file for the campaign `name`; `simulated` contains the names of runs on a simulated rig."""
+def text_of(values: Values, *, name: str, version: str) -> str:
+    """Return the file for the campaign `name`."""
     document = tomlkit.document()
     title = f"{values.rig.vehicle.name}, campaign {name}, cfid {version}."
     shown = "".join(letter if letter.isprintable() else "?" for letter in title)  # a newline would end the comment
@@ -39,7 +38,7 @@ def text_of(values: Values, *, name: str, version: str, simulated: Collection[st
         rows = {quantity.key: _row(quantity) for quantity in quantities if _is_shown(quantity, values)}
         if rows and values.label(fit) not in document:
             table = tomlkit.table()
-            table.comment(_origin(fit, simulated))
+            table.comment(_origin(fit))
             document[values.label(fit)] = table
         for key, row in rows.items():
             document[values.label(fit)][key] = row
@@ -69,11 +68,11 @@ def _rig_table(rig: Rig) -> Table:
     return table
 
 
-def _origin(fit: Fit, simulated: Collection[str]) -> str:
+def _origin(fit: Fit) -> str:
     section, runs = fit.section, runs_of(fit.section.sources)
     method = "" if section.method in ("default", "") else f", method {section.method}"
     count = f", {len(runs)} run{'' if len(runs) == 1 else 's'}" if runs else ""
-    marks = ", SIMULATED" * any(run in simulated for run in runs) + ", REJECTED" * (not section.accepted)
+    marks = ", SIMULATED" * section.simulated + ", REJECTED" * (not section.accepted)
     return f"cfid {fit.command}{method}, {section.found:%Y-%m-%d %H:%M} UTC{count}{marks}"
 
 

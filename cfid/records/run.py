@@ -183,15 +183,9 @@ class RunHeader(_Section):
     @property
     def stated_sha256(self) -> str:
         """A checksum of what a fit may take from run.toml: all but verdict, exclusion, notes, and how the run ended."""
-        beside: dict[str, bool | set[str]] = {
-            "number": True,
-            "verdict": True,
-            "excluded": True,
-            "state": True,
-            "reason": True,
-            "label": {"note"},
-        }
-        return sha256(self.model_dump_json(exclude=beside, exclude_defaults=True).encode()).hexdigest()
+        beside = {"number", "verdict", "excluded", "state", "reason"}
+        stated = with_note(self, None)  # a label of a note alone is then as none
+        return sha256(stated.model_dump_json(exclude=beside, exclude_defaults=True).encode()).hexdigest()
 
     @property
     def lost(self) -> int | None:

@@ -77,6 +77,7 @@ def _about(campaign: Campaign, runs: Sequence[Run], fits: Sequence[Fit], now: da
         "fitted_with": sorted({fit.section.cfid_version for fit in fits}),
         "runs": len(runs),
         "simulated_runs": sum(run.header.simulated for run in runs),
+        "simulated": any(fit.section.simulated for fit in fits),
         "unused_runs": sum(_is_unused(run, runs) for run in runs),
         "growing_runs": sum(run.grows for run in runs),
         "lab_book": lines(summary(runs)),

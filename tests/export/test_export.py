@@ -102,7 +102,8 @@ def test_what_was_rejected_is_exported_by_force_alone_and_marked(cfid: Cfid, cam
 def test_numbers_of_a_simulated_and_excluded_run_are_marked(cfid: Cfid, campaign: Path) -> None:
     run = made_run(campaign, "swing", {"encoder": {"t": [0.0], "phi": [0.0]}}, simulated=True)
     amend_run(run, excluded="the cable touched")
-    keep_instead(campaign, "inertia", section(sections()["inertia"].parameters, run=run.folder.name))
+    kept = replace(section(sections()["inertia"].parameters, run=run.folder.name), simulated=True)
+    keep_instead(campaign, "inertia", kept)
     assert cfid("export", "crazyswarm2", "--out", "-").returncode == 4
 
     text = cfid("export", "crazyswarm2", "--out", "-", "--force").stdout

@@ -338,7 +338,11 @@ def test_where_over_half_of_the_draws_are_no_vehicle_nothing_is_written(
 
 def test_every_file_is_marked_with_what_was_simulated_or_forced(cfid: Cfid, campaign: Path) -> None:
     run = made_run(campaign, "swing", {"encoder": {"t": [0.0], "phi": [0.0]}}, simulated=True)
-    keep_instead(campaign, "inertia", uncertain(section(sections()["inertia"].parameters, run=run.folder.name)))
+    keep_instead(
+        campaign,
+        "inertia",
+        replace(uncertain(section(sections()["inertia"].parameters, run=run.folder.name)), simulated=True),
+    )
     torque = uncertain(sections()["torque"])
     keep_instead(campaign, "torque", replace(torque, accepted=False, rejected={"motor.torque_poly": "too little."}))
     assert cfid("set", "rotor_radius_m", "23.1", "--force").returncode == 0

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
 
@@ -12,13 +13,14 @@ import cfid
 from cfid.console.campaign import make_campaign
 from cfid.errors import ConfigError, FitError
 from cfid.findings import Finding, rejection, warning
+from cfid.records.campaign import open_campaign
 from cfid.records.files import RIG_FILE
 from cfid.records.fits import Fit, list_fits
 from cfid.records.lab_book import entries, lines, summary
 from cfid.records.parameters import Parameter, Source
 from cfid.records.result import Result
 from cfid.records.rig_file import LabBook, RigFacts, load_rig
-from cfid.records.run import Label, Run, read_run
+from cfid.records.run import Label, Run, amend_run, read_run
 from tests.lab import STARTED, Cfid, made_run, new_campaign
 
 MASS = Parameter(value=0.028, std=1e-5, unit="kg")
@@ -169,3 +171,23 @@ def test_an_entry_without_key_or_value_is_refused(cfid: Cfid, tmp_path: Path, te
 
     assert cfid("runs", "note", run.folder, text, "--campaign", tmp_path).returncode == 2
     assert read_run(run.folder).header.label.note is None
+
+
+def test_a_fit_of_another_campaigns_simulated_run_says_so(tmp_path: Path) -> None:
+    new_campaign(tmp_path / "other")
+    run = made_run(tmp_path / "other", "swing", {"encoder": {"t": [0.0], "phi": [0.0]}}, simulated=True)
+    new_campaign(tmp_path / "mine")
+    mine = open_campaign(tmp_path / "mine")
+    mine.keep(replace(result(), command="fit swing", sources=(Source(str(run.device_file("encoder")), "0" * 64),)))
+
+    (kept,) = mine.fits()
+    assert kept.section.simulated
+    assert "SIMULATED" in mine.parameters_file.read_text()
+
+
+def test_a_note_leaves_what_a_fit_takes_from_a_run_without_any_other_label(tmp_path: Path) -> None:
+    run = made_run(tmp_path, "speed", {"readings": {"t": [0.0], "command": [1], "rpm": [1.0]}})
+    noted = amend_run(run, note="battery=B7")
+
+    assert noted.header.stated_sha256 == run.header.stated_sha256
+    assert noted.header.label.note == "battery=B7"
