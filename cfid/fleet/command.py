@@ -60,6 +60,8 @@ def fleet(
     """
     if out is not None and out.suffix not in _SUFFIXES:
         raise ConfigError(f"{out}: should end in {', '.join(_SUFFIXES)}.")
+    if out is not None and out.exists():
+        raise ConfigError(f"{out}: exists already: name a new file.")
     places, faults = campaign_folders(folders or [], index)
     with workers(jobs, scheduler, most=len(places) // _FOLDERS_FOR_A_PROCESS) as pool:
         answers = list(pool.map(summarise, places))

@@ -2,7 +2,7 @@
 
 import random
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from cfid.experiments import EXPERIMENTS
 from cfid.records.rig_file import CampaignKind, Rig
@@ -23,7 +23,7 @@ class Assignment:
     """A run to record: the words of the command, what to do at the rig first, and the label that identifies the run.
 
     `questions` are asked first, and the answers replace words in braces. A recording that `repeats` another one shows
-    the drift between the two, and no fit needs it.
+    the drift between the two, and no fit needs it. A run of the kind `instead` is as good.
     """
 
     words: Words
@@ -32,6 +32,7 @@ class Assignment:
     label: Label = field(default_factory=Label)
     questions: Mapping[str, str] | None = None
     repeats: bool = False
+    instead: str = ""
 
     @property
     def command(self) -> str:
@@ -42,7 +43,7 @@ class Assignment:
     def is_of(self, header: RunHeader) -> bool:
         """Return whether a run is this recording or a repetition of it."""
         same = (self.label.axis, self.label.weight_g) == (header.label.axis, header.label.weight_g)
-        return header.family == self.kind and same and is_vehicle(header.label)
+        return header.family in (self.kind, self.instead) and same and is_vehicle(header.label)
 
 
 def is_vehicle(label: Label) -> bool:
@@ -83,7 +84,7 @@ _WIND = _motors_run(
     questions=_WIND_QUESTIONS,
 )
 _MOTORS: Mapping[str, tuple[Assignment, ...]] = {
-    "thrust": (_motors_run("log thrust", _FASTENED),),
+    "thrust": (replace(_motors_run("log thrust", _FASTENED), instead="scales"),),
     "torque": (_motors_run("log thrust", _FASTENED),),
     "speed": (
         _motors_run("log speed", "Point the tachometer at rotor 1, with its strips on, a full battery in."),

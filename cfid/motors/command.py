@@ -172,7 +172,7 @@ def scales(
     ] = None,
     first: From = 0,
     last: To = 64000,
-    step: Step = 4000,  # as in figure 3.9, also the times
+    step: Step = 8000,
     hold: Hold = 5.0,
     rest: Rest = 3.0,
     motor: Motor = None,
@@ -182,14 +182,14 @@ def scales(
     dry_run: DryRun = False,
     note: Note = None,
 ) -> None:
-    """Record the readings of scales while motors run a staircase (figure 3.9); Ctrl-C stops the motors.
+    """Record the readings of scales while motors run a staircase up and down (figure 3.9); Ctrl-C stops the motors.
 
     Example: [bold]cfid log scales --motor 1,3[/bold]
     """
     from cfid.motors.record import StaircaseRecording, record_scales
 
     rig, word = rig_of(), run_to_resume(run, resume=resume)
-    wanted = staircase_of(motors_of(motor, (1, 3)), first, last, step, hold_s=hold, rest_s=rest)
+    wanted = staircase_of(motors_of(motor, (1, 3)), first, last, step, hold_s=hold, rest_s=rest, falls=True)
     wanted = _remaining("scales", wanted, word, rig.campaign)
     known = _scales_of(word, rig.campaign)
     if dry_run:

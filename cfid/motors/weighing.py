@@ -30,7 +30,7 @@ from cfid.units import DEAD_COMMAND
 Array = npt.NDArray[np.float64]
 
 _STANDING_N = 1e-3  # less than any motor that turns gives: 0.1 g
-_DIGITS = 3  # of a gram that scales show at most
+_DIGITS_G = [first * 10.0**power for power in range(1, -4, -1) for first in (5, 2, 1)]  # the last digit of a display
 _COMPARED = ("command", "grams")
 _LOOKED_S = 1.0  # before a reading: the battery's voltage that belongs to it
 
@@ -155,9 +155,9 @@ def _readings_of(run: Run) -> _Readings:
 
 
 def _digit_g(grams: Array) -> float:
-    """Return the last digit of a display in g: the largest power of ten by which all readings (n,) can be divided."""
-    digits = (10.0**-count for count in range(_DIGITS))
-    return next((g for g in digits if np.allclose(grams / g, np.round(grams / g), rtol=0, atol=1e-6)), 10.0**-_DIGITS)
+    """Return the last digit of a display in g: the largest of which all readings (n,) are multiples."""
+    whole = (g for g in _DIGITS_G if np.allclose(grams / g, np.round(grams / g), rtol=0, atol=1e-6))
+    return next(whole, _DIGITS_G[-1])
 
 
 def _volts(run: Run, ends_s: Array) -> Array | None:

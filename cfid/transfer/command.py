@@ -339,7 +339,8 @@ def sine(
     rig = rig_of()
     campaign, simulated = rig.campaign, rig.simulated
     if word is not None:
-        sweep = choice.chosen(None if run is None else _series_of(run, campaign))
+        by_plan = run is None and choice.plan != _USUAL_PLAN  # all that is missing of the plan, of whatever run
+        sweep = choice.chosen(None if by_plan else _series_of(word, campaign))
     recorded = campaign.runs(complete=False)
     sines = sweep.sines if word is None else missing_sines(sweep, recorded, simulated=simulated)
     if not sines:

@@ -380,6 +380,20 @@ def test_a_sine_of_no_use_is_played_again_and_one_that_was_excluded_only_on_requ
     assert tf(folder).state == "not fitted"
 
 
+def test_resume_without_a_name_completes_the_series_of_the_newest_run(cfid: Cfid, folder: Path) -> None:
+    sine(folder, 2, minute=1, planned=[2, 5, 8])
+    assert cfid("log", "sine", "--resume", "--dry-run", folder=folder).stdout.startswith("2 sines of ")
+
+
+def test_scales_are_as_good_as_a_load_cell_for_the_thrust_map(folder: Path) -> None:
+    columns = {"t": [1.7e9, 1.7e9 + 5], "command": [0, 20000], "grams": [60.0, 55.0]}
+    made_run(folder, "scales", {"readings": columns}, started=BEGAN)
+
+    thrust = task(folder, "thrust", kind="afternoon")
+    assert (thrust.state, thrust.recorded) == ("not fitted", 1)
+    assert task(folder, "torque", kind="afternoon").state == "missing"
+
+
 def test_a_staircase_that_was_interrupted_is_completed_unless_it_was_excluded(folder: Path) -> None:
     def thrust() -> Words:
         return asked_for(task(folder, "thrust", kind="motors"))

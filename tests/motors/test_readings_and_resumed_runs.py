@@ -15,6 +15,7 @@ from cfid.motors.maps import fit_speed, fit_thrust, fit_torque
 from cfid.motors.maps.data import Stand
 from cfid.motors.maps.verdict import of_forces, of_readings
 from cfid.motors.plan import expected_of, missing
+from cfid.motors.weighing import weighed_thrusts
 from cfid.recordings.resumed import steps_left
 from cfid.recordings.vehicle import shown_at_commands
 from cfid.records.choose import labelled
@@ -110,6 +111,18 @@ def test_readings_that_the_fit_rejects_are_of_no_use_unless_the_vehicle_is_of_an
 def test_a_run_in_which_no_reading_was_typed_is_refused(tmp_path: Path) -> None:
     with pytest.raises(DataError, match="no reading was typed"):
         fit_speed(typed(tmp_path, "speed", {}))
+
+
+@pytest.mark.parametrize(
+    ("grams", "digit_g"), [((60.0, 57.5), 0.5), ((60, 58, 44), 2.0), ((65, 40), 5.0), ((60.02, 58), 0.02)]
+)
+def test_the_last_digit_of_scales_is_seen_in_their_readings(
+    tmp_path: Path, grams: tuple[float, ...], digit_g: float
+) -> None:
+    run = typed(tmp_path, "scales", {10000 * at: value for at, value in enumerate(grams)}, motors=(1,))
+    weighed = weighed_thrusts(run, gravity_mps2=9.81)
+
+    assert weighed.points["thrust_std_n"][0] == pytest.approx(digit_g * 9.81e-3 / np.sqrt(6))
 
 
 def test_scales_alone_give_a_map_whose_intervals_hold(tmp_path: Path) -> None:

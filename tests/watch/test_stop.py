@@ -19,7 +19,7 @@ from tests.rig_in_a_folder import wait_until
 
 pytestmark = pytest.mark.usefixtures("in_time")
 
-RECORDED = ("log", "thrust", "--from", 30000, "--to", 30000, "--hold", 600, "--rest", 0.3, "--yes")
+RECORDED = ("log", "thrust", "--from", 30000, "--to", 30000, "--hold", 600, "--rest", 0.3, "--rate-hz", 700, "--yes")
 PLOTS = "/plots/autoload.js?bokeh-autoload-element=x&bokeh-app-path=/plots"
 NOBODY = "udp://127.0.0.1:9"
 

@@ -265,7 +265,7 @@ def _result(
             key: Parameter(value=fit.coefficients.tolist(), std=fit.std.tolist()),
             **quantities,
             **(_speed_quantities(over_speed) if over_speed else {}),
-            "motor.table": Parameter(value=motor_table(evidence.points)),
+            **({"motor.table": Parameter(value=table)} if (table := motor_table(evidence.points)) else {}),
         },
         wanted=(key,),
         covariances=covariances(mapped, most=most, voltage=voltage, over_speed=over_speed),
