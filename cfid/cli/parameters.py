@@ -177,6 +177,8 @@ def _check(
             f"'{name}': no parameter that can be set. A name of yours has small letters, digits and single "
             "underscores, like arm_m."
         )
+    if name == "centre_of_mass_m":
+        raise ConfigError(f"{name}: vehicle.centre_of_mass_mm in rig.toml states it: change it there.")
     if fault := shape_error(name, parameter.value, parameter.std):
         raise ConfigError(f"{name} {fault}, and {len(numbers)} given: write them with commas.")
     if name == _CUBIC:

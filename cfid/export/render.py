@@ -54,10 +54,27 @@ def _body(target: Target, vehicle: ExportVehicle) -> str:
     return _compiled(target.template).render(_context(target, vehicle))
 
 
-def _context(target: Target, vehicle: ExportVehicle) -> dict[str, Derived]:
+def _context(target: Target, vehicle: ExportVehicle) -> dict[str, Any]:
     """Return what a template sees: no quantity that its head does not state, since such a one was not judged."""
     taken = {quantity.key: quantity for quantity in target.taken(vehicle)}
-    return {"v": Derived(replace(vehicle, quantities=taken))}
+    derived = Derived(replace(vehicle, quantities=taken))
+    return {"v": _Turned(derived) if target.own else derived}
+
+
+class _Turned:
+    """What a campaign's own template sees: nothing in the campaign's frame, which an author may take for the file's."""
+
+    def __init__(self, derived: Derived) -> None:
+        self._derived = derived
+
+    def __getitem__(self, key: str) -> Any:
+        """Return the value of a quantity that has no direction. Raises DataError for another one."""
+        if key.startswith(("inertia.", "drag.")) or key == "centre_of_mass_m":
+            raise DataError(f"{key} is in the campaign's frame: take what is derived, such as v.inertia_kg_m2.")
+        return self._derived[key]
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._derived, name)
 
 
 def _own_body(target: Target, vehicle: ExportVehicle) -> str:

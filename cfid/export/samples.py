@@ -303,10 +303,23 @@ def _joint(vehicle: ExportVehicle, values: Values) -> Joint:
     return joint_of(list(fits.values()))
 
 
+_CAUSES = {  # the names that fits have for the errors of what rig.toml states
+    "mass_kg": ("mass",),
+    "arm_m": ("arm",),
+    "gravity_mps2": ("gravity",),
+    "centre_of_mass_m": ("centre x", "centre y", "centre z"),
+}
+
+
 def _stated(quantity: ExportQuantity) -> Section:
-    """Return a quantity of rig.toml in the form of a fit; mass and arm are common causes of other quantities too."""
-    cause = {"mass_kg": "mass", "arm_m": "arm"}.get(quantity.key) if quantity.std is not None else None
+    """Return a quantity of rig.toml in the form of a fit; each of its numbers is a common cause of fits, too."""
     lengths = isinstance(quantity.std, list)  # measured independently of each other
+    stds = np.atleast_1d([] if quantity.std is None else np.array(quantity.std, dtype=np.float64))
+    causes = {
+        cause: {quantity.key: (stds * (np.arange(len(stds)) == place)).tolist()}
+        for place, cause in enumerate(_CAUSES.get(quantity.key, ())[: len(stds)])
+        if stds[place]
+    }
     return Section(
         method="by hand",
         found=datetime.now(UTC),
@@ -317,7 +330,7 @@ def _stated(quantity: ExportQuantity) -> Section:
         covariance=covariance_between({quantity.key: quantity.value}, np.diag(np.square(quantity.std)))
         if lengths
         else (),
-        common={cause: {quantity.key: [quantity.std]}} if cause else {},
+        common=causes,
     )
 
 

@@ -228,6 +228,7 @@ def test_what_no_fit_finds_stands_in_a_section_of_its_own(cfid: Cfid, campaign: 
         ("arm_m nan", "finite numbers"),
         ("arm_m 1:inf", "finite numbers"),
         ("arm_m 0.046:0", "not above zero"),
+        ("centre_of_mass_m 0.1", "rig.toml states it"),
     ],
 )
 def test_what_cannot_be_meant_changes_nothing(cfid: Cfid, campaign: Campaign, given: str, expected: str) -> None:

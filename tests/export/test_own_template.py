@@ -49,6 +49,14 @@ def test_a_template_in_the_campaign_is_exported_by_its_name_in_the_targets_axes(
     assert [row["ready"] for row in rows if row["target"] == "mine"] == [True]
 
 
+@pytest.mark.parametrize("key", ["inertia.matrix_kg_m2", "drag.simple_kg_per_rad"])
+def test_it_gets_no_quantity_in_the_axes_of_the_campaign(cfid: Cfid, campaign: Path, key: str) -> None:
+    write(campaign, f'turned: {{{{ v["{key}"] }}}}\n')
+    ended = cfid("export", "mine", "--out", "-")
+
+    assert (ended.returncode, ended.stdout) == (4, "")
+
+
 def test_the_template_of_the_how_to_is_exported(cfid: Cfid, campaign: Path) -> None:
     page = (ROOT / "docs/how-to/add-an-export.md").read_text()
     (campaign / "exports").mkdir()

@@ -284,6 +284,10 @@ def test_what_rig_toml_states_is_drawn_too(cfid: Cfid, campaign: Path) -> None:
             rf"^{key.replace('_std', '')} = .*$", rf"\g<0>\n{key} = {value}", text, count=1, flags=re.MULTILINE
         )
     rig.write_text(text)
+    causes = {"centre x": [0.6e-8, *[0.0] * 5], "gravity": [-0.5e-8, *[0.0] * 5]}
+    common = {cause: {"inertia.matrix_kg_m2": moved} for cause, moved in causes.items()}
+    block = covariance_between({"inertia.matrix_kg_m2": INERTIA_KG_M2}, 1e-16 * np.eye(6))
+    keep_instead(campaign, "inertia", replace(uncertain(sections()["inertia"]), common=common, covariance=block))
     ended = cfid("export", "samples", "--n", "400", "--seed", "3")
     assert ended.returncode == 0, ended.stderr
 
@@ -293,6 +297,12 @@ def test_what_rig_toml_states_is_drawn_too(cfid: Cfid, campaign: Path) -> None:
     assert spread == pytest.approx([5e-4, 4e-4, 3e-4, 2e-3, 4e-4, 2e-4], rel=0.15)
     drones = json.loads((campaign / "exports" / "samples_crazyflow.json").read_text())["drones"]
     assert len({drone["mixing_matrix"][0][0] for drone in drones}) == 400
+    # The inertia below moves by 0.6 of its standard uncertainty with the centre's x, and by -0.5 with gravity.
+    with_xx = [
+        np.corrcoef(rows[:, head.index("inertia.matrix_kg_m2 xx")], rows[:, head.index(name)])[0, 1]
+        for name in names[:4]
+    ]
+    assert with_xx == pytest.approx([0.6, 0, 0, -0.5], abs=0.12)
     assert not re.search(
         r"no (uncertainty|covariance) is \w+ of [^:]*(centre|gravity|mass_kg)", " ".join(ended.stderr.split())
     )
