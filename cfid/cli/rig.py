@@ -47,9 +47,14 @@ def check(
     rig = rig_of(or_real=True)
     devices, stated, hardware = rig.devices, rig.campaign.rig, rig.hardware
     hand_held = {"tachometer": devices.tachometer, "scales": devices.scales}
+    has_rig = stated.campaign.kind != "owner"
     findings = {
-        "encoder": check_encoder(devices.encoder, hardware, counts_per_turn=stated.encoder.counts_per_turn),
-        "loadcell": check_loadcell(devices.loadcell, hardware),
+        **(
+            {"encoder": check_encoder(devices.encoder, hardware, counts_per_turn=stated.encoder.counts_per_turn)}
+            if has_rig
+            else {}
+        ),
+        **({"loadcell": check_loadcell(devices.loadcell, hardware)} if has_rig else {}),
         **{name: check_lines(name, sender, hardware) for name, sender in hand_held.items() if sender is not None},
         "crazyflie": check_vehicle(devices.crazyflie, stated.vehicle.platform, hardware),
     }
@@ -72,7 +77,7 @@ def _judged_signals(rig: "Rig", identified: "Mapping[str, Sequence[DeviceAnswer]
     }
     answers: dict[str, list[DeviceAnswer]] = {}
     for name, instrument_of in ready.items():
-        if any(answer.state == "fault" for answer in identified[name]) or len(identified[name]) < 2:
+        if any(answer.state == "fault" for answer in identified.get(name, ())) or len(identified.get(name, ())) < 2:
             continue  # it does not answer, or another program holds it
         try:
             with ExitStack() as held:

@@ -11,14 +11,15 @@ from cfid.errors import ConfigError, DataError
 
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
+    from cfid.records.rig_file import Preset
 
 _SEEDS = 10**6
 
 
-def make_campaign(folder: Path, *, seed: int | None = None, thesis: bool = False) -> Path:
+def make_campaign(folder: Path, *, seed: int | None = None, kind: "Preset" = "rig") -> Path:
     """Create a campaign folder and return the path of its rig.toml, which keeps the `seed` of the plan's order.
 
-    With `thesis`, it is the rig of the thesis' calculation.
+    `kind` is that of `new_rig_text`.
 
     Raises ConfigError when the folder has a rig.toml already, or cannot be created.
     """
@@ -27,7 +28,7 @@ def make_campaign(folder: Path, *, seed: int | None = None, thesis: bool = False
 
     try:
         (folder / RUNS_FOLDER).mkdir(parents=True, exist_ok=True)
-        text = new_rig_text(seed=randbelow(_SEEDS) if seed is None else seed, thesis=thesis)
+        text = new_rig_text(seed=randbelow(_SEEDS) if seed is None else seed, kind=kind)
         write_new(folder / RIG_FILE, text.encode())
     except FileExistsError:
         raise ConfigError(f"{folder / RIG_FILE} exists already: nothing was changed.") from None

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from cfid.records.rig_file import CampaignKind
 
 Kind = Annotated[
-    Literal["full", "inertia", "motors", "afternoon"] | None,
+    Literal["full", "inertia", "motors", "afternoon", "owner"] | None,
     typer.Option(help="Kind of campaign, which sets what it should find; default: campaign.kind in rig.toml."),
 ]
 

@@ -15,6 +15,7 @@ KINDS: Mapping[CampaignKind, tuple[str, ...]] = {
     "inertia": ("inertia", "friction"),
     "motors": ("thrust", "torque", "speed", "latency", "tf"),
     "afternoon": ("inertia", "thrust", "torque"),
+    "owner": ("inertia", "thrust"),
 }
 
 
@@ -93,6 +94,12 @@ _MOTORS: Mapping[str, tuple[Assignment, ...]] = {
     "tf": (_motors_run("log sine", _FASTENED),),
     "drag": (_STILL_AIR, *[_WIND] * 6),
 }  # fmt: skip
+_ON_SCALES = Assignment(
+    words=("log", "scales", "--motor", "1,2,3,4"),
+    reminder="Fix the vehicle on a heavy block on the scales, propellers on, a full battery in.",
+    kind="scales",
+    instead="thrust",
+)
 _BRUSHLESS: Mapping[str, tuple[Assignment, ...]] = {
     "thrust": (_motors_run(f"log thrust {_ABOVE_IDLE}", _FASTENED),),
     "torque": (),  # the torques of its four rotors cancel
@@ -134,6 +141,7 @@ def tasks(
         "friction": _DROPS if rig.friction is not None else (),
         **_MOTORS,
         **(_BRUSHLESS if rig.vehicle.platform == "cf21bl" else {}),
+        **({"thrust": (_ON_SCALES,)} if (kind or rig.campaign.kind) == "owner" else {}),
     }
     return tuple(
         Task(

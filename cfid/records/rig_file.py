@@ -617,11 +617,12 @@ class FrictionRig(RigTable):
         return math.hypot(self.radius_std_mm, self.line_std_mm / 2)
 
 
-CampaignKind = Literal["full", "inertia", "motors", "afternoon"]
+CampaignKind = Literal["full", "inertia", "motors", "afternoon", "owner"]
+Preset = Literal["rig", "thesis", "owner"]
 
 
 class CampaignGoal(RigTable):
-    """What a campaign should find: everything, the inertia, the motors, or what an afternoon allows.
+    """What a campaign should find: everything, the inertia, the motors, what an afternoon or an owner's tools allow.
 
     `seed` is that of the random order of mounts, so that a copy of the campaign keeps it.
     """
@@ -704,13 +705,14 @@ def load_rig(path: Path) -> Rig:
     return _checked(content, name=str(path))
 
 
-def new_rig_text(*, seed: int = 0, thesis: bool = False) -> str:
+def new_rig_text(*, seed: int = 0, kind: Preset = "rig") -> str:
     """Return the commented rig.toml that a new campaign starts from: the thesis' vehicle, cube and test body.
 
-    With `thesis`, what the thesis' calculation has otherwise is as there (C.1.2 to C.1.7).
+    For `thesis`, what the thesis' calculation has otherwise is as there (C.1.2 to C.1.7). For an `owner` without a rig,
+    what has to be measured is missing.
     """
-    text = _preset("rig.toml").replace("seed = 0 ", f"seed = {seed} ")
-    if not thesis:
+    text = _preset("owner.toml" if kind == "owner" else "rig.toml").replace("seed = 0 ", f"seed = {seed} ")
+    if kind != "thesis":
         return text
     import tomlkit  # slow to load
 
