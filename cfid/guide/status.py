@@ -26,12 +26,14 @@ State = Literal["missing", "not fitted", "stale", "rejected", "accepted"]
 class TaskStatus:
     """A task: what is still to be recorded, the state of its fit and why, and how certain its quantities are.
 
-    `retry` is what to record again after a rejected fit: the recording that was made longest ago.
+    `suspects` are the runs without any of which the others of a rejected fit agree; `retry` is what to record again:
+    what the last of them recorded, or else the recording that was made longest ago.
     """
 
     task: Task
     lacking: tuple[Assignment, ...]
     retry: Assignment | None = None
+    suspects: tuple[str, ...] = ()
     state: State
     reason: str
     found: tuple[Certainty, ...] = ()
@@ -70,7 +72,7 @@ class Status:
 
     @cached_property
     def next(self) -> Next:
-        """What comes next: the first step to record or fit, else to repeat, else to improve, else the report."""
+        """What comes next: the first step to record, fit or repeat, else to improve, else the report."""
         for status in self.tasks:
             name, reason = status.task.section, status.reason
             if status.state == "missing":
@@ -78,10 +80,13 @@ class Status:
                 return _recorded_next(status.lacking[0], why.rstrip())
             if status.state in ("not fitted", "stale"):
                 return Next(words=status.task.fit, why=f"{name}: {reason}")
-        for status in self.tasks:
             if status.state == "rejected":
-                advice = "Leave out a run that was wrong: cfid runs exclude RUN."
-                why = f"{status.task.section} was rejected: {status.reason} {advice}"
+                advice = (
+                    f"Leave it out, cfid runs exclude {status.suspects[0]}, or record it again."
+                    if len(status.suspects) == 1
+                    else "Leave out a run that was wrong: cfid runs exclude RUN."
+                )
+                why = f"{name} was rejected: {reason} {advice}"
                 return _recorded_next(status.retry or status.task.recordings[-1], why)
         report: Words = ("report", *(("--kind", self.kind) if self.kind else ()))
         unsure = [
@@ -175,10 +180,14 @@ def _status(task: Task, included: Sequence[Run], runs: Sequence[Run], values: Va
     def last_made(recording: Assignment) -> tuple[int, float, str]:
         return max((run.place for run in made if recording.is_of(run.header)), default=(-1, 0.0, ""))
 
+    named = () if state != "rejected" or last is None else last.section.suspects
+    suspects = [run for run in usable if run.folder.name in named]
+    again = [recording for recording in task.recordings if suspects and recording.is_of(suspects[-1].header)]
     return TaskStatus(
         task=task,
         lacking=lacking,
-        retry=min(task.recordings, key=last_made),
+        retry=again[0] if again else min(task.recordings, key=last_made),
+        suspects=tuple(run.folder.name for run in suspects),
         state=state,
         reason=reason,
         found=tuple(certainty_of(values, key) for key in task.aims),

@@ -117,7 +117,8 @@ def fit_inertia(axes: AxisInertias) -> InertiaFit:
     suspects = _suspects(axes) if contradictory or projection_std > BEYOND_STD else ()
     if contradictory:
         text += ": they contradict each other. " + (
-            f"Without {_listed(suspects)} the others agree: repeat, and check labels and mounts."
+            f"Without {_listed(suspects)} the others agree: `cfid runs exclude` leaves a run out, or swing it again; "
+            "check its label and mount."
             if suspects
             else "No single one explains it. Check labels, mounts, mass and centre of mass; swing about more axes."
         )
@@ -216,7 +217,7 @@ def _contradictory(chi_squared: float, freedom: int) -> bool:
 
 
 def _suspects(axes: AxisInertias) -> tuple[str, ...]:
-    """Return the mounts of those swings without which the others agree; none where each swing is such a one."""
+    """Return the runs, or else mounts, of swings without which the others agree; none where each is such a one."""
     count, names = len(axes.swings), []
     for i, swing in enumerate(axes.swings):
         kept = np.flatnonzero(np.arange(count) != i)
@@ -229,7 +230,7 @@ def _suspects(axes: AxisInertias) -> tuple[str, ...]:
         if not is_consistent(as_matrix(nearest)):
             nearest = nearest_consistent(solved.entries, solved.covariance)
         if _deviation(nearest - solved.entries, solved.covariance) <= BEYOND_STD:
-            names.append(swing.axis)
+            names.append(swing.name.partition("/")[0] or swing.axis)
     return tuple(dict.fromkeys(names)) if len(names) < count else ()
 
 

@@ -74,6 +74,7 @@ def fitted(
     by_mass: float = 0.0,
     rejected: str = "",
     key: str = "inertia.matrix_kg_m2",
+    suspects: tuple[str, ...] = (),
 ) -> None:
     """Keep a matrix of all swings, like `cfid fit inertia`; `by_mass` is the part of the mass in each moment's std."""
     files = sorted(folder.glob("runs/*/encoder.csv"))
@@ -88,6 +89,7 @@ def fitted(
         parameters={"inertia.matrix_kg_m2": Parameter(value=matrix, std=np.full((3, 3), std), unit="kg m^2")},
         common={"mass": {"inertia.matrix_kg_m2": [by_mass] * 3 + [0.0] * 3}} if by_mass else {},
         rejected={key: rejected} if rejected else {},
+        suspects=suspects,
     )
     keep(folder, "inertia", section)
 
@@ -263,6 +265,17 @@ def test_a_rejected_matrix_is_recorded_again_and_another_rejected_quantity_is_no
 
 
 # How certain a number is
+
+
+def test_the_run_without_which_the_others_agree_is_named_and_recorded_again(folder: Path) -> None:
+    axes = swung(folder)
+    wrong = next(run for run in runs_of(folder) if run.name.endswith(f"_{axes[3]}"))
+    fitted(folder, rejected="they contradict each other.", suspects=(wrong.name,))
+    status = status_of(open_campaign(folder), kind="inertia")
+
+    assert status.tasks[0].suspects == (wrong.name,)
+    assert f"cfid runs exclude {wrong.name}" in status.next.why
+    assert status.next.words == swing_again(axes[3])
 
 
 def test_a_number_that_is_too_uncertain_is_measured_again(folder: Path) -> None:
