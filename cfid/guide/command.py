@@ -63,10 +63,11 @@ def _prepared(recording: "Assignment", campaign: "Campaign") -> tuple[str, ...]:
     echo(fitted(printable(recording.reminder)))
     if present().devices(campaign.folder, campaign.rig)[1] and (set_up := _simulated(recording)):
         note(f"the rig is simulated: it has to run as `cfid rig sim {set_up}` for this.")
-    questions = recording.questions or {}
-    answers = {name: _answer(f"{question}:") for name, question in questions.items()}
-    if empty := [question for name, question in questions.items() if not answers[name]]:
-        raise ConfigError(f"{empty[0]}: no answer, nothing was started. Type `cfid next` again.")
+    answers: dict[str, str] = {}
+    for name, question in (recording.questions or {}).items():
+        answers[name] = _answer(f"{question}:")
+        if not answers[name]:
+            raise ConfigError(f"{question}: no answer, nothing was started. Type `cfid next` again.")
     return tuple(word.format(**answers) for word in recording.words)
 
 

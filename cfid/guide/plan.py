@@ -166,4 +166,6 @@ def _swing(mount: str, rig: Rig, *, by_gyro: bool, repeats: bool = False) -> Ass
             f"Hang the vehicle on the threads of mount {mount}, turn it on, let it rest, and start; then turn it by 30 "
             "to 60 degrees and let go within 5 s."
         )
+    if repeats:
+        reminder = f"The first mount once more, which shows what drifted since: {reminder[0].lower()}{reminder[1:]}"
     return Assignment(words=words, reminder=reminder, kind="swing", label=Label(axis=mount), repeats=repeats)

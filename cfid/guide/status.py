@@ -19,6 +19,8 @@ from cfid.records.run import Run, list_runs
 from cfid.records.values import Values
 from cfid.transfer.plan import SineSweep, missing_sines
 
+_AS_BEFORE = "Leave the rig as it was for this run: what it lacks is recorded now."
+
 State = Literal["missing", "not fitted", "stale", "rejected", "accepted"]
 
 
@@ -77,6 +79,8 @@ class Status:
             name, reason = status.task.section, status.reason
             if status.state == "missing":
                 why = f"{name}: {status.recorded} of {counted(len(status.task.recordings), 'run')} recorded. {reason}"
+                if name == "inertia" and not status.recorded:
+                    why += "Mounts come in a random order, so that no drift over the day looks like one of them."
                 return _recorded_next(status.lacking[0], why.rstrip())
             if status.state in ("not fitted", "stale"):
                 return Next(words=status.task.fit, why=f"{name}: {reason}")
@@ -234,11 +238,11 @@ def _rest(recording: Assignment, included: Sequence[Run], runs: Sequence[Run]) -
             lacks = missing_sines(sweep, runs, simulated=simulated, excluded=True)
             if len(lacks) < len(missing_sines(sweep, runs, simulated=simulated)):  # --resume would repeat excluded ones
                 words = (*words, "--hz", ",".join(f"{sine.hz:g}" for sine in lacks))
-            return replace(recording, words=words, questions=None) if lacks else None
+            return replace(recording, words=words, questions=None, reminder=_AS_BEFORE) if lacks else None
         from cfid.recordings.resumed import steps_left
 
         if run.header.state != "complete" and any(steps_left(run)):
-            return replace(recording, words=words, questions=None)
+            return replace(recording, words=words, questions=None, reminder=_AS_BEFORE)
     return None
 
 
