@@ -47,17 +47,13 @@ def check(
     rig = rig_of(or_real=True)
     devices, stated, hardware = rig.devices, rig.campaign.rig, rig.hardware
     hand_held = {"tachometer": devices.tachometer, "scales": devices.scales}
-    has_rig = stated.campaign.kind != "owner"
-    findings = {
-        **(
-            {"encoder": check_encoder(devices.encoder, hardware, counts_per_turn=stated.encoder.counts_per_turn)}
-            if has_rig
-            else {}
-        ),
-        **({"loadcell": check_loadcell(devices.loadcell, hardware)} if has_rig else {}),
-        **{name: check_lines(name, sender, hardware) for name, sender in hand_held.items() if sender is not None},
-        "crazyflie": check_vehicle(devices.crazyflie, stated.vehicle.platform, hardware),
-    }
+    findings: dict[str, Sequence[DeviceAnswer]] = {}
+    if stated.campaign.kind != "owner":
+        counts_per_turn = stated.encoder.counts_per_turn
+        findings["encoder"] = check_encoder(devices.encoder, hardware, counts_per_turn=counts_per_turn)
+        findings["loadcell"] = check_loadcell(devices.loadcell, hardware)
+    findings |= {name: check_lines(name, sender, hardware) for name, sender in hand_held.items() if sender is not None}
+    findings["crazyflie"] = check_vehicle(devices.crazyflie, stated.vehicle.platform, hardware)
     if signals:
         for name, answers in _judged_signals(rig, findings, for_s=positive(for_s, "--for")).items():
             findings[name] = [*findings[name], *answers]

@@ -14,7 +14,6 @@ from cfid.records.campaign import Campaign
 from cfid.records.values import Values
 from cfid.units import COVERAGE_95
 
-_NAME = 35  # characters of the longest name
 HANDED_ON = ("export firmware", "export crazyflow", "export mujoco", "report")
 
 
@@ -42,10 +41,11 @@ def runs_by_kind(campaign: Campaign) -> dict[str, list[str]]:
 def print_comparison(campaign: Campaign, truth: Mapping[str, float]) -> None:
     """Print the true value next to every estimate, and which 95 % intervals do not contain it."""
     rows = list(compared(campaign.values(), truth))
-    echo(f"{'':<{_NAME}}  {'truth':>11}  measured")
+    width = max(len(name) for name, *_ in rows)
+    echo(f"{'':<{width}}  {'truth':>11}  measured")
     for name, true, value, std in rows:
         beyond = "" if covers(true, value, std) else "  beyond 95 %"
-        echo(f"{name:<{_NAME}}  {true:>11.5g}  {with_std(value, std)}{beyond}")
+        echo(f"{name:<{width}}  {true:>11.5g}  {with_std(value, std)}{beyond}")
     inside = sum(covers(true, value, std) for _, true, value, std in rows)
     missed = "" if inside == len(rows) else "; such an interval misses one time in twenty, numbers of one fit together"
     echo(f"{inside} of {len(rows)} true values lie in the 95 % intervals{missed}")

@@ -29,7 +29,7 @@ from cfid.units import DEAD_COMMAND
 
 Array = npt.NDArray[np.float64]
 
-_STANDING_N = 1e-3  # less than any motor that turns gives: 0.1 g
+STANDING_N = 1e-3  # less than any motor that turns gives: 0.1 g
 _DIGITS_G = [first * 10.0**power for power in range(1, -4, -1) for first in (5, 2, 1)]  # the last digit of a display
 _COMPARED = ("command", "grams")
 _LOOKED_S = 1.0  # before a reading: the battery's voltage that belongs to it
@@ -82,7 +82,11 @@ def weighing_of(run: Run) -> Weighing:
     Each part is compared with its own weight at rest, since the vehicle may have been set down anew; a part without a
     reading at rest is compared with that of the part before. Raises DataError.
     """
-    readings = _readings(run)
+    return _weighing(run, _readings(run))
+
+
+def _weighing(run: Run, readings: Mapping[str, _Readings]) -> Weighing:
+    """Put the readings of a run, and of those that it completes, together."""
     command, grams = (np.concatenate([getattr(part, name) for part in readings.values()]) for name in _COMPARED)
     return Weighing(
         command=command,
@@ -100,7 +104,8 @@ def weighed_thrusts(run: Run, *, gravity_mps2: float) -> WeighedThrusts:
     Their standard uncertainty is that of a digit of the display, at the reading and at rest; the latter is common to
     all. Raises DataError, and FitError as `scales_thrust_n`.
     """
-    weighing, part = weighing_of(run), list(_readings(run).values())[-1]
+    readings = _readings(run)
+    weighing, part = _weighing(run, readings), list(readings.values())[-1]
     thrust_n = weighing.thrust_n(gravity_mps2)[-len(part.command) :]
     running = part.command > DEAD_COMMAND
     at_rest = max(int(np.count_nonzero(weighing.command <= DEAD_COMMAND)), 1)
@@ -189,7 +194,7 @@ def scales_thrust_n(
     lighter = (grams[standing].mean() if rest_g is None else rest_g) - grams
     upwards = math.copysign(1.0, float(lighter[~standing].sum()))
     thrust_n = np.asarray(upwards * lighter * 1e-3 * gravity_mps2 / motors)
-    if np.abs(thrust_n).max() < _STANDING_N:
+    if np.abs(thrust_n).max() < STANDING_N:
         raise FitError(
             f"the scales show {grams.min():g} to {grams.max():g} g at every command from {command.min():.0f} to "
             f"{command.max():.0f}: the display stands still, or the motors never ran. A motor that turns changes it by "

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from cfid.console.run_summary import judged, verdict_line
@@ -21,7 +22,7 @@ from cfid.recordings.vehicle import shown_at_commands
 from cfid.records.choose import labelled
 from cfid.records.rig_file import RigFacts, Scales, Tachometer
 from cfid.records.run import Run, Verdict, amend_run, read_run, write_header
-from tests.lab import STARTED, Cfid, made_run, new_campaign
+from tests.lab import DATA, STARTED, Cfid, made_run, new_campaign
 from tests.motors.stand_in_a_folder import BEGIN_S, climbed, write_run
 from tests.motors.test_motor_fits import content_of, true_thrust_n
 
@@ -388,3 +389,19 @@ def test_what_was_typed_until_the_recorder_was_killed_is_not_asked_for_again(cam
         file.write("1763712345.5,20000,5")  # the recorder was killed while it wrote a row
     assert missing(run.folder, kind="scales").steps == UP[2:]
     assert steps_left(killed({})) == UP
+
+
+@pytest.mark.skipif(not DATA.exists(), reason="the public thrust table of 2015 is not here (CFID_DATA)")
+def test_a_public_table_weighed_on_scales_gives_the_map_of_the_table_itself(tmp_path: Path) -> None:
+    """Bitcraze weighed four motors in 2015, on a supply that sagged."""
+    path = DATA / "bitcraze_2015/cf20_pwm_thrust_2015.csv"
+    table = pd.read_csv(path)
+    readings = {
+        int(65535 * pwm / 100): 500.0 - grams
+        for pwm, grams in zip(table.pwm_percent, table.thrust_total_g, strict=True)
+    }
+    run = typed(tmp_path, "scales", readings, motors=(1, 2, 3, 4))
+    weighed, ours = (fit_thrust(measured).quantities["motor.thrust_poly"] for measured in (run, path))
+    command = np.array([16384.0, 32768.0, 61440.0])
+
+    assert np.polyval(weighed.value, command) == pytest.approx(np.polyval(ours.value, command), rel=0.02)

@@ -16,6 +16,7 @@ from cfid.estimate.monotone_cubic import constrain
 from cfid.estimate.polynomials import PolynomialFit, fit_polynomial, fit_power, scattered_std
 from cfid.findings import Finding, rejection, warning
 from cfid.motors.points import Pairs, Points, column, measured, shared, weighable
+from cfid.motors.weighing import STANDING_N
 from cfid.units import DEAD_COMMAND, FULL_COMMAND, NEAR_FULL, ROTORS
 
 Array = npt.NDArray[np.float64]
@@ -35,7 +36,6 @@ OUTLIER_WEIGHT = 0.34  # of Huber's loss: four standard uncertainties off
 _AXES = {"thrust": ("thrust_n", "command"), "speed": ("speed_rad_s", "command"), "torque": ("torque_nm", "thrust_n")}
 _USUAL_ORDER = {"thrust": 2, "speed": 1, "torque": 1}  # those of the thesis
 _DROPPED = 2000  # the command that C.2.3 leaves out
-_STANDING_N = 1e-3  # less than any motor that turns gives: 0.1 g
 _STANDING_RAD_S = 10.0
 _APART, _ALIKE = 0.2, 0.02  # of the largest: commands that are far apart, and speeds that count as one
 _MISFIT = 0.05  # rms of the residuals relative to the largest value; the thesis' worse line (eq. 3.4) has 0.037
@@ -200,15 +200,15 @@ def _check(pairs: Pairs) -> None:
     values = {pairs.x_name: pairs.x[running], pairs.y_name: pairs.y[running]}
     if (thrust := values.get("thrust_n")) is not None:
         least, most = float(thrust.min()), float(thrust.max())
-        if least < -_STANDING_N and most < _STANDING_N:
+        if least < -STANDING_N and most < STANDING_N:
             raise FitError(
                 f"the thrust is negative throughout, down to {least:.3g} N: Fz counts downwards here. Was the "
                 "vehicle mounted upside down, or the load cell? Turn the sign of Fz, or leave it where it was turned."
             )
-        if most < _STANDING_N:
+        if most < STANDING_N:
             raise FitError(
                 f"the motors never ran: above command {DEAD_COMMAND} the largest thrust is {most:.2g} N, and a "
-                f"motor that turns gives {_STANDING_N:g} N. Check battery, arming and propellers."
+                f"motor that turns gives {STANDING_N:g} N. Check battery, arming and propellers."
             )
     if (speed := values.get("speed_rad_s")) is not None:
         if speed.max() < _STANDING_RAD_S:
