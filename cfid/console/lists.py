@@ -67,10 +67,10 @@ def measured(text: str | None, option: str) -> Measured:
         value, std = _number(number, float), _number(spread, float) if colon else None
     except ValueError:
         value = std = math.nan
-    if not (0 < value < math.inf and (std is None or 0 <= std < value)):
+    if not (0 < value < math.inf and (std is None or 0 < std < value)):
         raise ConfigError(
             f"{option} {text}: has to be above zero, a number alone or with its standard uncertainty, as 0.23:0.001; "
-            "that is not negative, and smaller than the number."
+            "that is above zero too, since nothing measured is exact, and smaller than the number."
         )
     return Measured(value, std)
 

@@ -9,7 +9,7 @@ from cfid.sim.faults import parse_faults
 
 
 def test_a_list_with_commas_may_have_spaces_and_be_repeated() -> None:
-    assert comma_list("1, 2,4", "--periods", int, example="1,2") == (1, 2, 4)
+    assert comma_list("1, 2,4", "--commands", int, example="1,2") == (1, 2, 4)
     assert comma_list(["1,-0.97", "2e-3"], "--numerator", float, example="1") == (1.0, -0.97, 0.002)
     assert motors_of(["3,1", "1"], (2,)) == motors_of(["1", "3"], (2,)) == (1, 3)
     assert motors_of(None, (2,)) == (2,)
@@ -34,7 +34,7 @@ def test_a_measured_number_may_have_a_standard_uncertainty() -> None:
     assert measured("0.23:0.001", "--distance-m") == (0.23, 0.001)
     assert measured("0.23", "--distance-m") == (0.23, None)
     assert measured(None, "--distance-m") == (None, None)
-    for text in ("0", "-1", "0.2:", "0.2:-1", "0.2:0.3", "0.2:1:2", "nan", "0.2:nan", "a", ":0.1", ""):
+    for text in ("0", "-1", "0.2:", "0.2:0", "0.2:-1", "0.2:0.3", "0.2:1:2", "nan", "0.2:nan", "a", ":0.1", ""):
         with pytest.raises(ConfigError, match=f"--distance-m {text}: has to be above zero, a number alone or with"):
             measured(text, "--distance-m")
 
