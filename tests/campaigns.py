@@ -128,7 +128,7 @@ def bodies(once: Once, recordings: list[SimulatedRun], tmp_path: Path) -> Path:
     """A separate campaign with swings of vehicle and test body, and dropped weights."""
 
     def make(folder: Path) -> None:
-        make_campaign(folder)
+        make_campaign(folder, kind="simulated")
         campaign = find_campaign(folder, start=folder)
         assert campaign is not None
         write_runs(campaign, recordings)

@@ -1,6 +1,7 @@
 """`cfid new`: create a campaign folder with a commented rig.toml."""
 
 from pathlib import Path
+from shlex import quote
 from typing import Annotated, Literal
 
 import typer
@@ -13,10 +14,10 @@ def new_campaign(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder to make; it may exist if it is empty.")],
     *,
     kind: Annotated[
-        Literal["rig", "thesis", "owner"],
+        Literal["rig", "owner", "simulated", "thesis"],
         typer.Option(
-            help="rig: encoder, load cell, mounts; thesis: mount xy and the line as its calculation has them; owner: "
-            "threads, the vehicle's gyro, kitchen scales."
+            help="rig: encoder, load cell, mounts; owner: threads, the vehicle's gyro, kitchen scales; simulated: with "
+            "the numbers of the simulated rig; thesis: with those of its calculation."
         ),
     ] = "rig",
 ) -> None:
@@ -25,4 +26,6 @@ def new_campaign(
     Example: [bold]cfid new my-crazyflie[/bold]
     """
     path = make_campaign(folder, kind=kind)
-    echo(f"{path}: put your vehicle's mass, centre of mass and mounts there, then record.")
+    todo = "" if kind in ("simulated", "thesis") else ": put what you measured there in place of each ?"
+    echo(f"{path}{todo}")
+    echo(f"next: cd {quote(str(folder))} && cfid next")

@@ -46,6 +46,8 @@ def check(
     """
     rig = rig_of(or_real=True)
     devices, stated, hardware = rig.devices, rig.campaign.rig, rig.hardware
+    if remedy := stated.unknown():
+        note(f"rig.toml: {remedy}")
     hand_held = {"tachometer": devices.tachometer, "scales": devices.scales}
     findings: dict[str, Sequence[DeviceAnswer]] = {}
     if stated.campaign.kind != "owner":

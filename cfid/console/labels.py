@@ -73,12 +73,12 @@ def label_of(
         raise ConfigError("--axis is for a swing and --weight for a dropping weight: give one of them.")
     mass = measured(weight, "--weight")
     rig = None if campaign is None else campaign.rig
-    mounts = {} if rig is None else rig.mounts
+    mounts, table = {} if rig is None else rig.mounts, "mounts"
     if rig is not None and body == "testbody" and rig.testbody is not None:
-        mounts = rig.testbody.mounts
+        mounts, table = rig.testbody.mounts, "testbody.mounts"
     if axis and rig is not None and body != "fixture" and axis not in mounts:
-        names = ", ".join(mounts) or "none"
-        raise ConfigError(f"--axis {axis}: rig.toml has no such mount of the {body}; it has {names}.")
+        remedy = rig.unknown(f"{table}.{axis}") or f"it has {', '.join(mounts) or 'none'}."
+        raise ConfigError(f"--axis {axis}: rig.toml has no such mount of the {body}; {remedy}")
     return Label(axis=axis, weight_g=mass.value, weight_std_g=mass.std, body=body, note=note)
 
 

@@ -44,7 +44,7 @@ def demo(
     if folder.is_dir() and any(folder.iterdir()):
         raise ConfigError(f"{folder} is not empty: delete it, or give another folder.")
     drawn = demo_truth(seed) if truth is None else load_truth(truth)
-    make_campaign(folder, seed=seed)
+    make_campaign(folder, seed=seed, kind="simulated")
     campaign = open_campaign(folder)
     laboratory, plan = Laboratory(campaign, drawn, seed=seed), experiments(drawn, seed=seed)
     count = sum(len(recordings) for recordings, _ in plan)

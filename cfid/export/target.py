@@ -23,7 +23,7 @@ FOLDER = "exports"  # in a campaign's folder: exported files, and templates of i
 _SIGNED = ("tf.delay_s",)  # negative where the force is earlier than its stamped input
 _MARKS = (  # the worst first
     "REJECTED", "IMPLAUSIBLE", "OUTDATED", "SIMULATED",
-    "NO HOVERING", "EXTRAPOLATED", "OTHER RIG", "PRESET BY cfid new",
+    "NO HOVERING", "EXTRAPOLATED", "OTHER RIG",
 )  # fmt: skip
 
 

@@ -9,7 +9,7 @@ from cfid.errors import ConfigError
 from cfid.quantities.plausible import centre_fault, implausible
 from cfid.quantities.registry import unit_of
 from cfid.records.parameters import Section, Value, plain
-from cfid.records.rig_file import BodyFrame, Rig, thesis_rig
+from cfid.records.rig_file import BodyFrame, Rig
 from cfid.records.stale import other_facts
 from cfid.records.values import Quantity, Values
 from cfid.units import FULL_COMMAND, MM, NEAR_FULL
@@ -163,33 +163,24 @@ def collect(rig: Rig, values: Values, *, rig_file: str = "rig.toml", campaign: s
 
 
 def _stated(rig: Rig, rig_file: str) -> dict[str, ExportQuantity]:
-    """Return what rig.toml states; a mass or an arm that is still that of the thesis' vehicle is marked."""
-    vehicle, cell, site, thesis = rig.vehicle, rig.loadcell, rig.site, thesis_rig()
-    unweighed = (vehicle.mass_kg, vehicle.mass_std_kg) == (thesis.vehicle.mass_kg, thesis.vehicle.mass_std_kg)
-    unmeasured = (cell.arm_mm, cell.arm_std_mm) == (thesis.loadcell.arm_mm, thesis.loadcell.arm_std_mm)
+    """Return what rig.toml states."""
+    vehicle, cell, site = rig.vehicle, rig.loadcell, rig.site
     centre_std_m = [MM * length for length in vehicle.centre_of_mass_std_mm]
     arm_std_m = None if cell.arm_std_mm is None else MM * cell.arm_std_mm
-    stated: dict[str, tuple[Value, Value, bool]] = {
-        "mass_kg": (vehicle.mass_kg, vehicle.mass_std_kg or None, unweighed),
-        "arm_m": (MM * (cell.arm_mm or 0.0), arm_std_m, unmeasured),
-        "gravity_mps2": (site.gravity_mps2, site.gravity_std_mps2 or None, False),
+    stated: dict[str, tuple[Value, Value]] = {
+        "mass_kg": (vehicle.mass_kg, vehicle.mass_std_kg or None),
+        "arm_m": (MM * (cell.arm_mm or 0.0), arm_std_m),
+        "gravity_mps2": (site.gravity_mps2, site.gravity_std_mps2 or None),
         "centre_of_mass_m": (
             [MM * length for length in vehicle.centre_of_mass_mm],
             centre_std_m if any(centre_std_m) else None,
-            False,
         ),
     }
-    reason = f"the thesis vehicle's: was yours measured? ({rig_file})"
     return {
         key: ExportQuantity(
-            key=key,
-            value=value,
-            std=std,
-            unit="m" if key == "centre_of_mass_m" else unit_of(key),
-            origin=rig_file,
-            caveats=(Caveat("PRESET BY cfid new", reason),) * preset,
+            key=key, value=value, std=std, unit="m" if key == "centre_of_mass_m" else unit_of(key), origin=rig_file
         )
-        for key, (value, std, preset) in stated.items()
+        for key, (value, std) in stated.items()
     }
 
 

@@ -126,9 +126,9 @@ def _lever_m(rig: Rig | None, *, thesis: bool) -> tuple[float, float, tuple[Find
     """
     axis = None if rig is None else rig.friction
     if axis is None:
-        raise ConfigError(
-            "the radius of the axis is not known: add [friction] to rig.toml, or give the radius, or `geometry` thesis."
-        )
+        unknown = None if rig is None else rig.unknown("friction")
+        remedy = unknown or "add [friction] to rig.toml, or give the radius, or `geometry` thesis."
+        raise ConfigError(f"the radius of the axis is not known: {remedy}")
     if thesis:
         return MM * axis.radius_mm, MM * axis.radius_std_mm, ()
     found: tuple[Finding, ...] = ()

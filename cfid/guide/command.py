@@ -16,6 +16,7 @@ from cfid.console.program import cfid_command, program
 from cfid.errors import ConfigError
 from cfid.guide.certainty import percent
 from cfid.guide.status import status_of
+from cfid.records.files import RIG_FILE
 
 if TYPE_CHECKING:
     from cfid.guide.plan import Assignment
@@ -46,6 +47,8 @@ def next_step(*, kind: Kind = None) -> None:
     Example: [bold]cfid next[/bold]
     """
     opened = here()
+    if remedy := opened.rig.unknown():
+        raise ConfigError(f"{opened.folder / RIG_FILE}: {remedy}")
     step = _status(opened, kind).next
     echo(fitted(printable(step.why)))
     words = step.words if step.recording is None else _prepared(step.recording, opened)
@@ -94,6 +97,8 @@ def _status(campaign: "Campaign", kind: "CampaignKind | None") -> "Status":
     """Return the state of a campaign; print a note on each run that cannot be read."""
     note_unreadable_fits(campaign)
     state = status_of(campaign, kind=kind)
+    if remedy := campaign.rig.unknown():
+        note(f"rig.toml: {remedy}")
     for error in state.unreadable:
         note(f"{error} The run does not count.")
     return state

@@ -20,6 +20,7 @@ from pydantic import (
     ConfigDict,
     Discriminator,
     Field,
+    PrivateAttr,
     Tag,
     ValidationError,
     model_validator,
@@ -29,6 +30,7 @@ from cfid.errors import ConfigError
 from cfid.quantities.plausible import out_of_range
 from cfid.quantities.registry import Platform, range_of
 from cfid.records.files import RIG_FILE, first_fault, locked_folder, read_toml, write_whole
+from cfid.records.rig_notation import plain, spelled
 from cfid.units import CRYSTAL_STD, FULL_COMMAND, MM, USUAL_GRAVITY_MPS2, factor
 from cfid.wire.lines import LineReader, Value
 
@@ -618,7 +620,7 @@ class FrictionRig(RigTable):
 
 
 CampaignKind = Literal["full", "inertia", "motors", "afternoon", "owner"]
-Preset = Literal["rig", "thesis", "owner"]
+Preset = Literal["rig", "owner", "simulated", "thesis"]
 
 
 class CampaignGoal(RigTable):
@@ -666,6 +668,28 @@ class Rig(RigTable):
     mounts: dict[str, Mount] = Field(default_factory=dict)
     fixture: Fixture | None = None
     testbody: TestBody | None = None
+    _unknown: tuple[str, ...] = PrivateAttr(())
+
+    @classmethod
+    def of(cls, content: Mapping[str, object], *, name: str) -> Self:
+        """Return the rig of a file's content.
+
+        Raises ConfigError that names the file, `name`, and the key.
+        """
+        numbers, unknown = plain(content, name=name)
+        try:
+            rig = cls.model_validate(numbers)
+        except ValidationError as error:
+            missing = all(fault["type"] == "missing" for fault in error.errors())
+            fault = _to_measure(unknown) if unknown and missing else first_fault(error, numbers)
+            raise ConfigError(f"{name}: {fault}") from None
+        rig._unknown = unknown
+        return rig
+
+    def unknown(self, *keys: str) -> str:
+        """Return a sentence on what is still to measure, of some keys or of all, "" for nothing."""
+        unknown = [key for key in self._unknown if key in keys or not keys]
+        return _to_measure(unknown) if unknown else ""
 
     @property
     def facts(self) -> RigFacts:
@@ -702,16 +726,16 @@ def load_rig(path: Path) -> Rig:
         content = read_toml(path, ConfigError)
     except FileNotFoundError:
         raise ConfigError(f"{path}: no such file. `cfid new DIR` makes a campaign with a commented one.") from None
-    return _checked(content, name=str(path))
+    return Rig.of(content, name=str(path))
 
 
-def new_rig_text(*, seed: int = 0, kind: Preset = "rig") -> str:
-    """Return the commented rig.toml that a new campaign starts from: the thesis' vehicle, cube and test body.
+def new_rig_text(*, seed: int = 0, kind: Preset = "simulated") -> str:
+    """Return the commented rig.toml that a new campaign starts from.
 
-    For `thesis`, what the thesis' calculation has otherwise is as there (C.1.2 to C.1.7). For an `owner` without a rig,
-    what has to be measured is missing.
+    For a `rig` and for an `owner` without one, what has to be measured is a "?". The `simulated` rig has the thesis'
+    vehicle, cube and test body; for `thesis`, what its calculation has otherwise is as there (C.1.2 to C.1.7).
     """
-    text = _preset("owner.toml" if kind == "owner" else "rig.toml").replace("seed = 0 ", f"seed = {seed} ")
+    text = _preset(f"{'simulated' if kind == 'thesis' else kind}.toml").replace("seed = 0 ", f"seed = {seed} ")
     if kind != "thesis":
         return text
     import tomlkit  # slow to load
@@ -723,9 +747,9 @@ def new_rig_text(*, seed: int = 0, kind: Preset = "rig") -> str:
 
 def thesis_rig() -> Rig:
     """Return the rig of the thesis' calculation (C.1.2 to C.1.7), with the two directions of its xy mount."""
-    content = tomllib.loads(_preset("rig.toml"))
+    content = tomllib.loads(_preset("simulated.toml"))
     _calculate_as_thesis(content)
-    return _checked(content, name="the thesis' rig")
+    return Rig.of(content, name="the thesis' rig")
 
 
 def _calculate_as_thesis(content: dict[str, Any]) -> None:
@@ -752,17 +776,22 @@ def change_rig(folder: Path, table: str, keys: Mapping[str, object]) -> Path:
             document = tomlkit.parse(path.read_text("utf-8-sig"))
             section = document.setdefault(table, tomlkit.table())
             for key, value in keys.items():
+                written = spelled(section, key)
+                if written is None or (written == key and not isinstance(section[key], str)):
+                    section[key] = value
+                    continue
+                text = section.pop(written)
+                section.update(plain({written: text}, name=str(path))[0])
                 section[key] = value
+                if comment := text.trivia.comment.removeprefix("#").strip():
+                    section[key].comment(comment)
             text = tomlkit.dumps(document)
-            _checked(tomllib.loads(text), name=str(path))
+            Rig.of(tomllib.loads(text), name=str(path))
             write_whole(path, text.encode())
     except OSError as error:
         raise ConfigError(f"{path}: cannot be written: {error.strerror}. It is unchanged.") from None
     return path
 
 
-def _checked(content: Mapping[str, object], *, name: str) -> Rig:
-    try:
-        return Rig.model_validate(content)
-    except ValidationError as error:
-        raise ConfigError(f"{name}: {first_fault(error, content)}") from None
+def _to_measure(keys: Sequence[str]) -> str:
+    return f'still to measure: {", ".join(keys)}. Put numbers there in place of "?", and delete what you do not have.'

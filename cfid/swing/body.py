@@ -373,7 +373,8 @@ def body_on(rig: Rig, names: Iterable[str], *, body: str | None, mass: Measured 
     for name in names:
         if name not in swung.mounts:
             there = ", ".join(swung.mounts) or "none"
-            raise ConfigError(f"'{name}' is no mount of this rig.toml (it has: {there}): add [{table}.{name}].")
+            remedy = rig.unknown(f"{table}.{name}") or f"add [{table}.{name}]."
+            raise ConfigError(f"'{name}' is no mount of this rig.toml (it has: {there}): {remedy}")
     return swung
 
 

@@ -32,7 +32,7 @@ def stand(path: Path, commands: range | tuple[int, ...], *, seed: int, noise_n: 
 @pytest.fixture
 def lab(cfid: Cfid, tmp_path: Path) -> Path:
     """A campaign whose thrust was fitted to 32 points."""
-    assert cfid("new", "lab").returncode == 0
+    assert cfid("new", "lab", "--kind", "simulated").returncode == 0
     stand(tmp_path / "lab" / "many.csv", MANY, seed=1)
     stand(tmp_path / "lab" / "few.csv", FEW, seed=2)
     assert cfid("fit", "thrust", "many.csv", "--no-figures", folder=tmp_path / "lab").returncode == 0
@@ -131,7 +131,7 @@ def test_a_fit_gives_way_once_one_of_its_runs_is_excluded(cfid: Cfid, bodies: Pa
 
 def test_a_rejected_fit_replaces_no_accepted_one_even_by_force(cfid: Cfid, tmp_path: Path) -> None:
     """With half of the encoder's counts per turn, all angles of the same pendulum double."""
-    assert cfid("new", "lab").returncode == 0
+    assert cfid("new", "lab", "--kind", "simulated").returncode == 0
     lab = tmp_path / "lab"
     t_s = np.arange(0, 20, 0.002)
     swing = solve_ivp(lambda _, y: [y[1], -200 * np.sin(y[0]) - 0.05 * y[1]], (0, 20), [0.7, 0], t_eval=t_s, rtol=1e-9)
@@ -156,7 +156,7 @@ def test_a_rejected_fit_replaces_no_accepted_one_even_by_force(cfid: Cfid, tmp_p
 def test_reports_exports_and_status_take_the_accepted_value_where_a_later_section_rejected_its_own(
     cfid: Cfid, tmp_path: Path
 ) -> None:
-    assert cfid("new", "lab").returncode == 0
+    assert cfid("new", "lab", "--kind", "simulated").returncode == 0
     lab = tmp_path / "lab"
     for name, section in sections().items():
         keep(lab, name, section)

@@ -58,7 +58,7 @@ def numbers(folder: Path, seed: int) -> list[tuple[str, float, float, float | No
 
 def fitted_here(folder: Path, seed: int) -> list[tuple[str, float, float, float | None]]:
     """Return the numbers of a demo whose commands run in this process, since imports take most of a demo's time."""
-    make_campaign(folder)
+    make_campaign(folder, kind="simulated")
     campaign = find_campaign(folder, start=folder)
     assert campaign is not None
     truth = demo_truth(seed)
@@ -114,7 +114,7 @@ def test_a_seed_makes_the_same_recordings_on_any_day(tmp_path: Path, monkeypatch
     recorded = []
     for now in (datetime(2026, 3, 1, 12, 0, 0, 123456, UTC), datetime(2026, 11, 30, 7, 0, 0, 654321, UTC)):
         monkeypatch.setattr(demo_recordings, "datetime", SimpleNamespace(now=lambda _, now=now: now))
-        make_campaign(tmp_path / str(now.month), seed=1)
+        make_campaign(tmp_path / str(now.month), seed=1, kind="simulated")
         campaign = open_campaign(tmp_path / str(now.month))
         Laboratory(campaign, demo_truth(1), seed=1).make(SWINGS[0])
         (run,) = campaign.runs()
@@ -157,7 +157,7 @@ def test_a_fleet_repeats_every_fit_with_its_options_to_the_last_bit(cfid: Cfid, 
 def test_a_demo_records_what_an_operator_would_and_the_same_again(tmp_path: Path) -> None:
     made = []
     for name in ("one", "two"):
-        make_campaign(tmp_path / name)
+        make_campaign(tmp_path / name, kind="simulated")
         campaign = find_campaign(tmp_path / name, start=tmp_path)
         assert campaign is not None
         laboratory = Laboratory(campaign, demo_truth(3), seed=3)

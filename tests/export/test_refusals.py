@@ -33,11 +33,10 @@ def head(name: str, known: ExportVehicle) -> list[str]:
 
 
 def marks(name: str, known: ExportVehicle) -> dict[str, list[str]]:
-    """Return the keys of each mark of a target's quantities, except of what `cfid new` wrote."""
+    """Return the keys of each mark of a target's quantities."""
     found: dict[str, list[str]] = {}
     for caveat, keys in caveats(TARGETS[name], known).items():
-        if not caveat.mark.startswith("PRESET"):
-            found.setdefault(caveat.mark, []).extend(keys)
+        found.setdefault(caveat.mark, []).extend(keys)
     return found
 
 
@@ -166,16 +165,11 @@ def test_a_speed_map_of_a_log_is_marked_beyond_the_commands_of_its_rotors() -> N
         assert quantity.is_marked("EXTRAPOLATED") == marked
 
 
-def test_a_mass_and_an_arm_that_nobody_changed_since_the_campaign_was_made_are_marked() -> None:
+def test_the_arm_of_rig_toml_gives_way_to_one_set_by_hand() -> None:
     cell = thesis_rig().loadcell.model_copy(update={"arm_mm": 46.3})
     measured = rig_with(mass_kg=0.0281).model_copy(update={"loadcell": cell})
-    preset, stated, by_hand = (
-        collect(rig, values_of(kept)).quantities
-        for rig, kept in ((thesis_rig(), {}), (measured, {}), (measured, sections()))
-    )
+    stated, by_hand = (collect(measured, values_of(kept)).quantities for kept in ({}, sections()))
 
-    assert preset["mass_kg"].caveats[0].mark == preset["arm_m"].caveats[0].mark == "PRESET BY cfid new"
-    assert (preset["arm_m"].value, preset["arm_m"].std) == (pytest.approx(0.046), pytest.approx(2e-4))
     assert stated["mass_kg"].caveats == stated["arm_m"].caveats == ()
     assert stated["arm_m"].value == pytest.approx(0.0463)
     assert (by_hand["arm_m"].value, by_hand["arm_m"].std) == (0.046, 1e-4)

@@ -23,7 +23,7 @@ DAY_0 = datetime(2026, 11, 1, tzinfo=UTC)
 
 def campaign(folder: Path, day: int, mass_kg: float, *, std: float | None = 1e-5, accepted: bool = True) -> Path:
     """Make a campaign that found one number from one run, which was recorded on the given day and fitted much later."""
-    make_campaign(folder)
+    make_campaign(folder, kind="simulated")
     writer = create_run(
         folder / "runs",
         kind="swing",

@@ -40,7 +40,7 @@ def campaigns(once: Once, recordings: list[Any]) -> Path:
 
     def make(folder: Path) -> None:
         first = folder / "c1"
-        make_campaign(first)
+        make_campaign(first, kind="simulated")
         write_runs(open_campaign(first), recordings)
         for name in ("c2", "c3"):
             shutil.copytree(first, folder / name)

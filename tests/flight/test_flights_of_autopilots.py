@@ -124,7 +124,7 @@ def blackbox(
 
 def imported(cfid: Cfid, log: Path) -> Path:
     """Import a log into a new campaign and return the run's folder."""
-    assert cfid("new", "lab").returncode == 0
+    assert cfid("new", "lab", "--kind", "simulated").returncode == 0
     assert cfid("import", log, "--kind", "flight", folder=log.parent / "lab").returncode == 0
     (run,) = (log.parent / "lab" / "runs").iterdir()
     return run

@@ -37,7 +37,7 @@ class Operator:
         self.folder, self.kind = folder / "campaign", kind
         self._winds = iter(WINDS)
         self._now_s = 1_763_712_345.0
-        assert run_cfid(["new", "campaign"], folder).returncode == 0
+        assert run_cfid(["new", "campaign", "--kind", "simulated"], folder).returncode == 0
 
     def status(self) -> dict[str, Any]:
         ended = run_cfid(["status", "--kind", self.kind, "--json"], self.folder)

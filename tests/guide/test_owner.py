@@ -12,16 +12,14 @@ from cfid.records.run import Label
 from tests.lab import Cfid, made_run
 from tests.virtual_bench import bench_in
 
-THREADS = "above_mm = {}, above_std_mm = 0.2, below_mm = {}, below_std_mm = 0.2, length_mm = {},"
 MATRIX = "16.6e-6:1e-7,16.7e-6:1e-7,29.3e-6:2e-7,0.8e-6:1e-7,0.7e-6:1e-7,1.8e-6:1e-7"
 
 
 def fill_in(folder: Path) -> None:
     """Write what an owner measured in place of what is missing."""
     rig = folder / "rig.toml"
-    text = rig.read_text().replace("# = mass_kg = 0.0", "mass_kg = 0.0341").replace("# = arm_mm = 0.0", "arm_mm = 46.0")
-    blank = re.escape(THREADS.format(0, 0, 0))
-    rig.write_text(re.sub(rf"# = (threads = {{) {blank}", rf"\1 {THREADS.format(65.0, 65.0, 400.0)}", text))
+    measured = {"mass_g": "34.1", "arm_mm": "46.0", "above_mm": "65.0", "below_mm": "65.0", "length_mm": "400.0"}
+    rig.write_text(re.sub(r'(\w+) = "\?', lambda key: f'{key[1]} = "{measured[key[1]]}', rig.read_text()))
 
 
 @pytest.fixture
@@ -33,7 +31,7 @@ def owner(cfid: Cfid, tmp_path: Path) -> Path:
 
 def test_what_has_to_be_measured_is_missing_until_it_is_stated(cfid: Cfid, owner: Path) -> None:
     missing = cfid("status", folder=owner)
-    assert (missing.returncode, "vehicle.mass_kg" in missing.stderr) == (2, True)
+    assert (missing.returncode, "vehicle.mass_g" in missing.stderr) == (2, True)
     fill_in(owner)
     assert cfid("status", folder=owner).returncode == 0
 

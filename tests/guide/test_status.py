@@ -36,7 +36,7 @@ USELESS = Verdict(usable=False, text="no release found.")
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """Return a new campaign's folder."""
-    return make_campaign(tmp_path / "lab", seed=1).parent
+    return make_campaign(tmp_path / "lab", seed=1, kind="simulated").parent
 
 
 def swing(folder: Path, axis: str, *, minute: int, by: str = "encoder", body: str | None = None) -> Run:

@@ -91,7 +91,7 @@ EDGE = "edge_mm = 19.0\nedge_std_mm = 0.1\n"
 @pytest.fixture
 def lab(cfid: Cfid, tmp_path: Path) -> Path:
     """A campaign with a swing of a body on a cube of 19 mm, whose centre is 2 mm from the axis."""
-    assert cfid("new", "lab").returncode == 0
+    assert cfid("new", "lab", "--kind", "simulated").returncode == 0
     cube = CUBE_KG * ((EDGE_M**2 + EDGE_M**2) / 12 + OFF_M**2)
     moment, inertia = G * (MASS_KG * DISTANCE_M + CUBE_KG * OFF_M), INERTIA_KG_M2 + cube
     time_s, angle = swung(moment / inertia, release_rad=0.7, seconds=21, viscous=3e-7 / inertia, row_s=4e-3)

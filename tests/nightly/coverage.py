@@ -144,7 +144,7 @@ def measure(place: int, seed: int) -> dict[str, Any]:
     for_truth, for_recording = np.random.default_rng(seed).spawn(2)
     line: dict[str, Any] = {"row": row.name, "seed": seed, "numbers": {}, "rejected": {}, "warnings": []}
     with TemporaryDirectory(prefix="cfid-coverage-") as folder:
-        make_campaign(Path(folder) / "lab")
+        make_campaign(Path(folder) / "lab", kind="simulated")
         for key, value in row.rig.items():
             table, name = key.split(".")
             _state(Path(folder) / "lab", table, name, value)

@@ -37,7 +37,7 @@ STARTS_WITHIN_S = 60.0
 
 def virtual(for_s: float, folder: Path) -> None:
     """Record each instrument for `for_s` seconds on a virtual clock, and print what is missing."""
-    make_campaign(folder)
+    make_campaign(folder, kind="simulated")
     rig = load_rig(folder / RIG_FILE)
     for name in ("encoder", "loadcell"):
         hardware = Virtual(lambda seconds: SimulatedRig(rig, seconds=seconds, seed=1), unix_s=time.time())
@@ -56,7 +56,7 @@ def virtual(for_s: float, folder: Path) -> None:
 
 def real(for_s: float, folder: Path) -> None:
     """Record both at once over their wires from a simulated rig; print what is missing, and how the process grew."""
-    make_campaign(folder)
+    make_campaign(folder, kind="simulated")
     with subprocess.Popen((*CFID, "rig", "sim", "--axis", "x"), cwd=folder, stderr=subprocess.DEVNULL) as rig:
         try:
             _wait_for(folder / SIM_FILE)

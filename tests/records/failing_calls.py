@@ -103,7 +103,7 @@ def _section() -> Section:
 
 def make(folder: Path) -> None:
     """Make a campaign with a run, two fits, a report and an export."""
-    make_campaign(folder)
+    make_campaign(folder, kind="simulated")
     campaign = open_campaign(folder)
     devices = {"encoder": DeviceRecord(file="encoder.csv", columns=("t", "phi"))}
     with create_run(

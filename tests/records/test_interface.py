@@ -129,7 +129,7 @@ def noted_runs(folder: Path, count: int = 3, book: LabBook = BOOK) -> list[Run]:
 
 
 def test_a_note_overrides_what_rig_toml_stated(cfid: Cfid, tmp_path: Path) -> None:
-    make_campaign(tmp_path)
+    make_campaign(tmp_path, kind="simulated")
     runs = noted_runs(tmp_path)
     for text in ("new propellers", "Battery = B4; gust=a door opened", "battery=B5"):
         assert cfid("runs", "note", runs[0].folder, text, "--campaign", tmp_path).returncode == 0
@@ -146,7 +146,7 @@ def test_a_note_overrides_what_rig_toml_stated(cfid: Cfid, tmp_path: Path) -> No
 
 
 def test_rig_toml_states_it_for_every_run(tmp_path: Path) -> None:
-    make_campaign(tmp_path)
+    make_campaign(tmp_path, kind="simulated")
     path = tmp_path / RIG_FILE
     path.write_text(path.read_text() + '\n[lab_book]\npropellers = "47-17"\ntemperature_c = 21.0\n')
 
@@ -166,7 +166,7 @@ def test_a_note_that_is_a_sentence_is_no_entry(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("text", ["new props; = x", "battery=", "new props; Battery = "])
 def test_an_entry_without_key_or_value_is_refused(cfid: Cfid, tmp_path: Path, text: str) -> None:
-    make_campaign(tmp_path)
+    make_campaign(tmp_path, kind="simulated")
     (run,) = noted_runs(tmp_path, 1, LabBook())
 
     assert cfid("runs", "note", run.folder, text, "--campaign", tmp_path).returncode == 2

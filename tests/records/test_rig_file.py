@@ -4,6 +4,7 @@ import math
 import re
 import tomllib
 from collections.abc import Callable
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
@@ -18,10 +19,13 @@ from cfid.records.rig_file import (
     NONE_STATED,
     LoadCellMount,
     Mount,
+    Preset,
+    Rig,
     RigFacts,
     Tachometer,
     VehicleData,
     WindStand,
+    change_rig,
     load_rig,
     new_rig_text,
     thesis_rig,
@@ -188,6 +192,81 @@ def test_a_campaign_of_the_thesis_has_the_rig_of_its_calculation(cfid: Cfid, tmp
     written, thesis = load_rig(tmp_path / "lab" / "rig.toml"), thesis_rig()
 
     assert (written.mounts, written.friction) == (thesis.mounts, thesis.friction)
+
+
+# Numbers as people write them
+
+
+def rig_of(folder: Path, text: str) -> Rig:
+    (folder / "rig.toml").write_text(text)
+    return load_rig(folder / "rig.toml")
+
+
+def test_a_value_with_its_uncertainty_is_the_same_as_both_keys(tmp_path: Path) -> None:
+    mounts = '[mounts.x]\ndirection = [1, 0, 0]\npoint_mm = "0 -32.25  18.95 +- 0.1"\n'
+    people = rig_of(
+        tmp_path,
+        '[vehicle]\nmass_g = "28.1 ± 0.03"\ncentre_of_mass_mm = "0, -0.5, 17.425±0.1"\n'
+        f'[site]\ngravity_mps2 = "9.81 +/- 0.003"\n[loadcell]\nyaw_deg = "-45 ± .5"\n{mounts}',
+    )
+    plain = rig_of(
+        tmp_path,
+        "[vehicle]\nmass_kg = 0.0281\nmass_std_kg = 0.00003\ncentre_of_mass_mm = [0, -0.5, 17.425]\n"
+        "centre_of_mass_std_mm = [0.1, 0.1, 0.1]\n[site]\ngravity_mps2 = 9.81\ngravity_std_mps2 = 0.003\n"
+        "[loadcell]\nyaw_deg = -45\nyaw_std_deg = 0.5\n[mounts.x]\ndirection = [1, 0, 0]\n"
+        "point_mm = [0, -32.25, 18.95]\npoint_std_mm = [0.1, 0.1, 0.1]\n",
+    )
+
+    assert people == plain
+
+
+@given(grams=st.decimals(20, 60, places=3))
+def test_grams_become_the_kilograms_that_a_person_would_write(
+    tmp_path_factory: pytest.TempPathFactory, grams: Decimal
+) -> None:
+    text = f"[vehicle]\nmass_g = {grams}\ncentre_of_mass_mm = [0, 0, 0]\n"
+    assert rig_of(tmp_path_factory.mktemp("rig"), text).vehicle.mass_kg == float(grams / 1000)
+
+
+@pytest.mark.parametrize(
+    ("line", "key"),
+    [
+        ('mass_g = "28.0 ± ?."', "vehicle.mass_g"),
+        ('mass_g = "28.0 ± 0.03 g"', "vehicle.mass_g"),
+        ('mass_g = "28,0"', "vehicle.mass_g"),
+        ('mass_g = "nan ± 1"', "vehicle.mass_kg"),
+        ('mass_g = "28.0 ± -0.03"', "vehicle.mass_std_kg"),
+        ('mass_g = "28.0 ± 0.03"\nmass_std_kg = 0.00003', "vehicle.mass_std_kg is stated twice"),
+        ("mass_kg = 0.028\nmass_g = 28.0", "vehicle.mass_kg is stated twice"),
+        ('mass_kg = 0.028\nname_mm = "3 ± 1"', "vehicle.name_mm: there is no such key"),
+    ],
+)
+def test_a_number_in_another_form_is_refused_by_its_key(tmp_path: Path, line: str, key: str) -> None:
+    with pytest.raises(ConfigError, match=re.escape(key)):
+        rig_of(tmp_path, f"[vehicle]\n{line}\ncentre_of_mass_mm = [0, 0, 0]\n")
+
+
+@pytest.mark.parametrize("kind", ["rig", "owner"])
+def test_a_new_campaign_names_each_number_that_nobody_measured(tmp_path: Path, kind: Preset) -> None:
+    text = new_rig_text(kind=kind)
+    with pytest.raises(ConfigError, match=r"still to measure: vehicle\.mass_g, .*mounts\.xy"):
+        rig_of(tmp_path, text)
+    weighed = text.replace('mass_g = "? ± 0.03"', "mass_g = 28.0").replace('mm = "?, ?, ? ± 0.1"  ', "mm = [0, 0, 9]")
+    rig = rig_of(tmp_path, weighed)
+
+    assert (rig.vehicle.mass_kg, rig.mounts, rig.friction, rig.loadcell.arm_mm) == (0.028, {}, None, None)
+    assert "mounts.xy" in rig.unknown("mounts.xy")
+    assert "mounts.xy" not in rig.unknown("mounts.x")
+    assert "mounts.xz, mounts.yz" in rig.unknown()
+
+
+def test_a_number_set_by_the_program_replaces_the_one_that_a_person_wrote(tmp_path: Path) -> None:
+    rig_of(tmp_path, '[vehicle]\nmass_g = "28.1 ± 0.03"  # three times\ncentre_of_mass_mm = [0, 0, 0]\n')
+    change_rig(tmp_path, "vehicle", {"mass_kg": 0.0283})
+    vehicle = load_rig(tmp_path / "rig.toml").vehicle
+
+    assert (vehicle.mass_kg, vehicle.mass_std_kg) == (0.0283, 0.00003)
+    assert "# three times" in (tmp_path / "rig.toml").read_text()
 
 
 # Facts of a rig that runs keep

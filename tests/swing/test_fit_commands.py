@@ -122,7 +122,7 @@ def test_a_clock_that_was_set_within_a_swing_gives_no_number(
 def test_a_fit_made_with_another_rig_toml_is_stale_and_exported_no_more(
     cfid: Cfid, files: Path, tmp_path: Path
 ) -> None:
-    cfid("new", "lab")
+    cfid("new", "lab", "--kind", "simulated")
     rig = tmp_path / "lab" / "rig.toml"
     assert cfid("fit", "inertia", *swings(files), "--campaign", tmp_path / "lab", "--no-figures").returncode == 0
     text = rig.read_text()

@@ -316,7 +316,7 @@ def test_a_lag_predicts_a_public_flight_better_than_none() -> None:
 
 @pytest.mark.skipif(not FLIGHTS.is_dir(), reason="the public flights are not here (CFID_DATA)")
 def test_a_campaign_fitted_to_one_flight_is_validated_by_another(cfid: Cfid, tmp_path: Path) -> None:
-    assert cfid("new", "campaign").returncode == 0
+    assert cfid("new", "campaign", "--kind", "simulated").returncode == 0
     campaign = tmp_path / "campaign"
     body = ("--mass-kg", "0.027:0.0003", "--arm-mm", "46:0.3", "--no-figures")
     windows = ("--from", "15.94", "--to", "33.6")
