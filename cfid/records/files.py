@@ -282,7 +282,7 @@ def first_fault(error: ValidationError, content: Mapping[str, Any]) -> str:
     reasons = [_reason(fault["type"], fault["msg"]) for fault in faults if _key(fault, content) == key]
     verb = "should be " if first["msg"].startswith("Input should be ") else ""
     shown = "" if isinstance(first["input"], Mapping | list) else f", not {_short(repr(first['input']))}"
-    return f"{key}: {verb}{' or '.join(reasons)}{shown}."
+    return f"{f'{key}: ' * bool(first['loc'])}{verb}{' or '.join(reasons)}{shown}."
 
 
 def _key(fault: Mapping[str, Any], content: Mapping[str, Any]) -> str:

@@ -38,7 +38,17 @@ Number = Annotated[float, Field(strict=True)]  # strict: neither true nor "1" is
 Positive = Annotated[Number, Field(gt=0)]
 Spread = Annotated[Number, Field(ge=0)]
 
+_LEAST_STD_MM = 0.001  # nobody measures a vehicle to less; numbers in metres are
 _LEAST_CENTRE_MM = 0.1  # a tenth of what a balance on an edge shows
+
+
+def _in_mm(std_mm: float) -> float:
+    if 0 < std_mm < _LEAST_STD_MM:
+        raise ValueError("nobody measures a length to less than 0.001 mm: metres?")
+    return std_mm
+
+
+SpreadMm = Annotated[Spread, AfterValidator(_in_mm)]
 
 
 class RigTable(BaseModel):
@@ -63,7 +73,7 @@ class LoadCellMount(RigTable):
     yaw_deg: Number | None = None
     yaw_std_deg: Spread | None = None
     arm_mm: Positive | None = None
-    arm_std_mm: Spread | None = None
+    arm_std_mm: SpreadMm | None = None
     flip_fz: Annotated[bool, Field(strict=True)] | None = None
     gain: tuple[Positive, Positive, Positive, Positive, Positive, Positive] | None = None
     gain_std: tuple[Spread, Spread, Spread, Spread, Spread, Spread] | None = None
@@ -150,7 +160,7 @@ def _non_zero(vector: Vector) -> Vector:
 
 
 Direction = Annotated[Vector, AfterValidator(_non_zero)]
-SpreadVector = tuple[Spread, Spread, Spread]
+SpreadVectorMm = tuple[SpreadMm, SpreadMm, SpreadMm]
 
 
 class BodyFrame(RigTable):
@@ -189,12 +199,12 @@ class ThreadPair(RigTable):
     """
 
     above_mm: Positive
-    above_std_mm: Spread = 0.0
+    above_std_mm: SpreadMm = 0.0
     below_mm: Positive
-    below_std_mm: Spread = 0.0
+    below_std_mm: SpreadMm = 0.0
     length_mm: Positive
-    length_std_mm: Spread = 0.0
-    centre_std_mm: Spread = 1.0
+    length_std_mm: SpreadMm = 0.0
+    centre_std_mm: SpreadMm = 1.0
 
     @model_validator(mode="after")
     def _long_enough(self) -> Self:
@@ -234,7 +244,7 @@ class Mount(RigTable):
     """
 
     point_mm: Vector = (0.0, 0.0, 0.0)
-    point_std_mm: SpreadVector = (0.0, 0.0, 0.0)
+    point_std_mm: SpreadVectorMm = (0.0, 0.0, 0.0)
     point_yaw_deg: Number = 0.0
     direction: Direction
     direction_std_deg: Spread = 0.0
@@ -523,7 +533,7 @@ class VehicleData(RigTable):
     mass_kg: Positive
     mass_std_kg: Spread = 0.0
     centre_of_mass_mm: Vector
-    centre_of_mass_std_mm: SpreadVector = (0.0, 0.0, 0.0)
+    centre_of_mass_std_mm: SpreadVectorMm = (0.0, 0.0, 0.0)
     body_frame: BodyFrame = BodyFrame()
 
     @model_validator(mode="after")
@@ -556,7 +566,7 @@ class TestBody(RigTable):
     name: str = "test body"
     mass_kg: Positive
     mass_std_kg: Spread = 0.0
-    length_std_mm: Spread = 0.0
+    length_std_mm: SpreadMm = 0.0
     cuboids: tuple[Cuboid, ...] = Field(min_length=1)
     mounts: dict[str, Mount] = Field(default_factory=dict)
 
@@ -571,9 +581,9 @@ class Fixture(RigTable):
     mass_kg: Positive
     mass_std_kg: Spread = 0.0
     distance_mm: Positive
-    distance_std_mm: Spread = 0.0
+    distance_std_mm: SpreadMm = 0.0
     edge_mm: Positive | None = None
-    edge_std_mm: Spread = 0.0
+    edge_std_mm: SpreadMm = 0.0
 
 
 class Site(RigTable):
@@ -604,9 +614,9 @@ class FrictionRig(RigTable):
     """
 
     radius_mm: Positive
-    radius_std_mm: Spread = 0.0
+    radius_std_mm: SpreadMm = 0.0
     line_mm: Spread | None = None
-    line_std_mm: Spread = 0.0
+    line_std_mm: SpreadMm = 0.0
 
     @property
     def lever_mm(self) -> float:
@@ -669,6 +679,17 @@ class Rig(RigTable):
     fixture: Fixture | None = None
     testbody: TestBody | None = None
     _unknown: tuple[str, ...] = PrivateAttr(())
+
+    @model_validator(mode="after")
+    def _arm_in_mm(self) -> Self:
+        arm_mm, platform = self.loadcell.arm_mm, self.vehicle.platform
+        expected = None if arm_mm is None or platform == "other" else range_of("arm_m", platform)
+        if arm_mm is not None and expected and not expected.least <= MM * arm_mm <= expected.largest:
+            raise ValueError(
+                f"loadcell.arm_mm = {arm_mm:g} is implausible: {expected.least / MM:g} to {expected.largest / MM:g} mm "
+                f'are expected of {platform}. For another kind of body write platform = "other"'
+            )
+        return self
 
     @classmethod
     def of(cls, content: Mapping[str, object], *, name: str) -> Self:

@@ -107,6 +107,8 @@ FAULTS = {
     "a missing mass": ("mass_kg = 0.0280", "# none", "vehicle.mass_kg is missing."),
     "a mass in grams": ("mass_kg = 0.0280", "mass_kg = 28.0", "vehicle: mass_kg is implausible, 28.0 kg: grams?"),
     "a centre in metres": ("17.425]", "0.017425]", "vehicle: centre_of_mass_mm is 0.017425 mm at most"),
+    "an arm in metres": ("arm_mm = 46.0", "arm_mm = 0.046", "loadcell.arm_mm = 0.046 is implausible: 30 to 70 mm"),
+    "an uncertainty in metres": ("std_mm = [0.1, 0.1, 0.1]", "std_mm = [1e-4, 1e-4, 1e-4]", "std_mm.0: "),
     "a misspelt key": ("mass_kg = 0.0280", "mas_kg = 0.028", "vehicle.mas_kg: there is no such key."),
     "a negative deviation": ("mass_std_kg = 0.00003", "mass_std_kg = -1", "vehicle.mass_std_kg: "),
     "a vector of two": ("[0.0, 0.0, 17.425]", "[0.0, 17.425]", "vehicle.centre_of_mass_mm.2 is missing."),
