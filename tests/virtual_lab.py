@@ -4,6 +4,7 @@ import re
 import signal
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -232,7 +233,7 @@ class Recorded:
         self.run, self.device, self.begun_s = run, run.header.devices[device], begun_s
         self.lost: Any = self.device.lost
         self.facts: dict[str, Any] = dict(self.device.model_extra or {})
-        self.losses: dict[str, int] = self.facts.get("losses", {})
+        self.losses = Counter[str](self.facts.get("losses"))  # a kind that did not happen is left out
         self.gaps: list[dict[str, Any]] = self.facts.get("gaps", [])
         self.reasons = [gap["reason"] for gap in self.gaps]
         self.rows = pd.read_csv(run.device_file(device))

@@ -388,12 +388,17 @@ def folders_without_run(runs_folder: Path) -> list[Path]:
     return [folder for folder in folders if not (folder / RUN_FILE).is_file()]
 
 
+_KINDS_OF_LOSS = ("losses", "arrivals")  # tables of a device
+
+
 def write_header(folder: Path, header: RunHeader) -> None:
-    """Write run.toml atomically, without what is empty. Raises OSError."""
+    """Write run.toml atomically, without what is empty and kinds of losses that did not happen. Raises OSError."""
     content = header.model_dump(mode="json", exclude_none=True, by_alias=True)
     content["started"] = header.started
-    for device in content["devices"].values():
+    for name, device in content["devices"].items():
         device.setdefault("lost", UNKNOWN)
+        kinds = {key: {kind: count for kind, count in device.get(key, {}).items() if count} for key in _KINDS_OF_LOSS}
+        content["devices"][name] = {key: value for key, value in (device | kinds).items() if value not in ([], {})}
     del content["rig"]  # it goes to the end
     content["rig"] = header.rig.stated
     write_toml(folder / RUN_FILE, {name: value for name, value in content.items() if value not in ("", {})})

@@ -2,6 +2,7 @@
 
 import socketserver
 import threading
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from functools import partial
@@ -37,7 +38,7 @@ class Recording(Logged):
 
     def __init__(self, lab: Lab, *words: object, at: Mapping[float, Callable[[], object]] = MappingProxyType({})):
         super().__init__(lab, "loadcell", *words, at=at)
-        self.arrivals: dict[str, int] = self.facts["arrivals"]
+        self.arrivals = Counter[str](self.facts.get("arrivals"))  # a kind that did not happen is left out
 
     def check(self, *, requests: int = 1) -> None:
         """Check that rows and losses add up to what the box sent, in order, and that each time is that of its count."""
@@ -232,7 +233,7 @@ def test_requests_to_stop_that_are_lost_are_repeated_and_a_box_that_does_not_sto
     assert 2 <= len(stops) <= 5
     assert ("switch it off" in ended.err) == (lost == 5 and rate_hz > 1)
     assert lab.hardware.seconds() < stops[0] + 1.5
-    assert lab.facts("loadcell")["gaps"] == []
+    assert "gaps" not in lab.facts("loadcell")
 
 
 @pytest.mark.parametrize("name", ["SIGINT", "SIGHUP"])

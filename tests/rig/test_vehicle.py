@@ -181,7 +181,7 @@ def test_a_second_log_over_a_link_has_its_own_values(tmp_path: Path) -> None:
         def values(*names: str) -> Any:
             run, failure = flight.record([flight.ready.log(names, period_ms=10)], waiting(flight, 0.3))
             assert failure is None
-            assert facts(run, "crazyflie")["losses"]["rejected"] == 0
+            assert "rejected" not in facts(run, "crazyflie").get("losses", {})
             return rows(run, "crazyflie")[names[-1]].to_numpy()
 
         assert values("gyro.x", "gyro.y", "gyro.z") == pytest.approx(0.0)
