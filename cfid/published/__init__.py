@@ -1,66 +1,94 @@
-"""Published values of the Crazyflie, from tables.toml, and matrices turned to the axes forward, left and up."""
+"""Parameter sets that others published, one file a set, and matrices turned to the axes forward, left and up."""
 
 import tomllib
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any
 
+from pydantic import ValidationError
+
+from cfid.errors import ConfigError
+from cfid.published.formulas import with_calculated
+from cfid.published.set_file import PublishedValue, SetFile
+from cfid.quantities.registry import Platform
+from cfid.records.files import first_fault, read_toml
 from cfid.records.rig_file import BodyFrame
 
-
-class Row(NamedTuple):
-    """The values of one source, one for each column; an inertia is xx, yy, zz and, if known, xy, xz, yz in `frame`."""
-
-    who: str
-    vehicle: str
-    values: tuple[float, ...]
-    source: str
-    note: str
-    frame: BodyFrame
+_FIRST = "thesis"  # in every list, since the experiments are the thesis'
 
 
-class Table(NamedTuple):
-    """A published quantity in one unit; `at` has the abscissa of each column, such as a command, where there is one."""
+@dataclass(frozen=True, kw_only=True)
+class PublishedSet:
+    """The values that a source states for a vehicle, in SI units and in its own body frame.
 
+    `title` is the source's name in reports, `payload` what the vehicle carried when it was weighed, `method` how the
+    source got its values. Of several values of a key the first counts.
+    """
+
+    name: str
     title: str
-    about: str
-    columns: tuple[str, ...]
-    unit: str
-    at: tuple[float, ...]
-    rows: tuple[Row, ...]
+    source: str
+    vehicle: str
+    platform: Platform
+    payload: str
+    method: str
+    frame: BodyFrame
+    values: tuple[PublishedValue, ...]
 
-    def row(self, who: str, vehicle: str) -> Row:
-        """Return the values of a source for a vehicle."""
-        return next(row for row in self.rows if (row.who, row.vehicle) == (who, vehicle))
+    def find(self, key: str) -> PublishedValue | None:
+        """Return the value of a key that counts, None where the set has none."""
+        return next((value for value in self.values if value.key == key), None)
+
+    def __getitem__(self, key: str) -> PublishedValue:
+        """Return the value of a key that counts. Raises KeyError where the set has none."""
+        value = self.find(key)
+        if value is None:
+            raise KeyError(f"{self.name} does not state {key}")
+        return value
+
+    def origin(self, value: PublishedValue) -> str:
+        """Return the source of a value, with its place there."""
+        return ", ".join(filter(None, [self.source, value.place]))
 
 
 @cache
-def tables() -> Mapping[str, Table]:
-    """Return the published tables by name."""
-    content = tomllib.loads((files(__name__) / "tables.toml").read_text(encoding="utf-8"))
-    sources = content["sources"]
-    return {
-        name: Table(
-            title=table["title"],
-            about=table.get("about", ""),
-            columns=tuple(table["columns"]),
-            unit=table["unit"],
-            at=tuple(table.get("at", ())),
-            rows=tuple(
-                Row(
-                    who=row["who"],
-                    vehicle=row["vehicle"],
-                    values=tuple(row["values"]),
-                    source=", ".join(filter(None, [sources[row["source"]], row.get("place")])),
-                    note=row.get("note", ""),
-                    frame=BodyFrame(**dict(zip(("forward", "left", "up"), row.get("frame", "xyz"), strict=True))),
-                )
-                for row in table["rows"]
-            ),
+def published_sets() -> Mapping[str, PublishedSet]:
+    """Return the sets that cfid has by name, the thesis first."""
+    paths = [path for path in files(__name__).iterdir() if path.name.endswith(".toml")]
+    sets = [_checked(tomllib.loads(path.read_text(encoding="utf-8")), path.name) for path in paths]
+    ordered = sorted(sets, key=lambda published: (published.name != _FIRST, published.name))
+    return {published.name: published for published in ordered}
+
+
+def published_set(name: str) -> PublishedSet:
+    """Return a set that cfid has, or the one in a TOML file. Raises ConfigError for another name or an invalid file."""
+    if name in published_sets():
+        return published_sets()[name]
+    path = Path(name)
+    if path.suffix != ".toml":
+        raise ConfigError(
+            f"{name}: no published set, and no FILE.toml with one. There are {', '.join(published_sets())}."
         )
-        for name, table in content["tables"].items()
-    }
+    try:
+        return _checked(read_toml(path, ConfigError), name)
+    except FileNotFoundError:
+        raise ConfigError(f"{name}: no such file. Published sets are {', '.join(published_sets())}.") from None
+
+
+def _checked(content: Mapping[str, Any], name: str) -> PublishedSet:
+    try:
+        file = SetFile.model_validate(content)
+    except ValidationError as error:
+        raise ConfigError(f"{name}: {first_fault(error, content)}") from None
+    facts = file.model_dump(exclude={"frame", "quantities"})
+    try:
+        values = with_calculated([quantity.converted() for quantity in file.quantities])
+    except ArithmeticError as error:
+        raise ConfigError(f"{name}: no vehicle has these formulas: {error}.") from None
+    return PublishedSet(**facts, frame=file.frame, values=values)
 
 
 def turned(matrix: Sequence[Sequence[float]], frame: BodyFrame) -> dict[str, float]:

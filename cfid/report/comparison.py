@@ -5,24 +5,108 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cfid.published import Row, Table, tables, turned
+from cfid.published import PublishedSet, published_sets, turned
+from cfid.published.set_file import PublishedValue
 from cfid.quantities.values import evaluate
-from cfid.records.covariances import shaped_as
 from cfid.records.parameters import plain
 from cfid.records.rig_file import BodyFrame
 from cfid.records.values import Quantity, Values
 from cfid.units import FULL_COMMAND, ROTORS
 
 _INERTIA = "inertia.matrix_kg_m2"
-_QUANTITIES = {  # of a table: the key, and the column of motor.table that limits a polynomial's range
-    "thrust_of_command_n": ("motor.thrust_poly", "cmd"),
-    "speed_of_command_rad_s": ("motor.speed_poly", "cmd"),
-    "thrust_of_speed_n": ("motor.thrust_speed_poly", "speed_rad_s"),
-    "thrust_of_voltage_n": ("motor.thrust_voltage_poly", ""),
-    "torque_per_thrust_m": ("motor.torque_poly", ""),
-    "time_constant_s": ("tf.time_constant_s", ""),
-    "static_gain_n": ("tf.static_gain_n", ""),
-}
+_COMMANDS = ("25 %", "50 %", "75 %", "93.75 %")
+_AT_COMMANDS = (16384.0, 32768.0, 49152.0, 61440.0)
+_OF_COMMANDS = "At a share of full scale; one motor. Empty beyond the commands that this campaign measured."
+_ALONG = ("forward", "left", "up")
+
+
+class _Table(NamedTuple):
+    """A comparison in one unit, of the quantities with some keys: of a campaign, the first.
+
+    Polynomials are evaluated `at` the abscissa of each column; `column` is the one of motor.table that limits the
+    campaign's, `measured` the one that has values of a set which states points.
+    """
+
+    title: str
+    unit: str
+    columns: tuple[str, ...]
+    keys: tuple[str, ...]
+    about: str = ""
+    at: tuple[float, ...] = ()
+    column: str = ""
+    measured: str = ""
+
+
+_MASS = _Table("Mass", "kg", ("mass",), ("mass_kg",))
+_INERTIAS = _Table(
+    "Inertia about the centre of mass",
+    "kg m^2",
+    ("roll", "pitch", "yaw", "roll-pitch", "roll-yaw", "pitch-yaw"),
+    (_INERTIA,),
+    "Roll is about the axis that points forward, pitch about the one to the left, yaw about the one up. Yours and the "
+    "thesis' matrix are turned there from their own frame. The others are given as they are used.",
+)
+_DRAG = _Table(
+    "Drag per rotor speed and velocity",
+    "kg/rad",
+    _ALONG,
+    ("drag.simple_kg_per_rad", "drag.cross_coupling_kg_per_rad"),
+    "Force along an axis for velocity along it and the sum of the rotors' speeds.",
+)
+_DRAG_IN_HOVER = _Table(
+    "Drag per velocity",
+    "kg/s",
+    _ALONG,
+    ("drag.complex.k4",),
+    "Another model, of another unit: force for velocity alone. Yours is the one above at the rotors' speeds in hover, "
+    "where mass, thrust and speed maps are known.",
+)
+_TABLES = (
+    _MASS,
+    _INERTIAS,
+    _Table(
+        "Thrust of the command", "N", _COMMANDS, ("motor.thrust_poly",), _OF_COMMANDS, _AT_COMMANDS, "cmd", "thrust_n"
+    ),
+    _Table(
+        "Rotor speed of the command",
+        "rad/s",
+        _COMMANDS,
+        ("motor.speed_poly",),
+        _OF_COMMANDS,
+        _AT_COMMANDS,
+        "cmd",
+        "speed_rad_s",
+    ),
+    _Table(
+        "Thrust of the rotor's speed",
+        "N",
+        ("1000 rad/s", "1500 rad/s", "2000 rad/s"),
+        ("motor.thrust_speed_poly", "motor.thrust_per_speed_squared_n_s2"),
+        "One rotor; each form evaluated at the same speeds.",
+        (1000.0, 1500.0, 2000.0),
+        "speed_rad_s",
+    ),
+    _Table(
+        "Thrust of the motor's voltage",
+        "N",
+        ("2 V", "2.5 V", "3 V", "3.5 V"),
+        ("motor.thrust_voltage_poly",),
+        "One motor; its voltage is the battery's by the share of the command. A polynomial may be continued here "
+        "beyond the voltages that it was measured at.",
+        (2.0, 2.5, 3.0, 3.5),
+    ),
+    _Table(
+        "Torque per thrust",
+        "m",
+        ("slope",),
+        ("motor.torque_poly",),
+        "The slope of a straight line, N m of torque for N of thrust.",
+    ),
+    _Table("Time constant of motor and rotor", "s", ("time constant",), ("tf.time_constant_s",)),
+    _Table("Static gain of the transfer function", "N", ("static gain",), ("tf.static_gain_n",)),
+    _DRAG,
+    _DRAG_IN_HOVER,
+)
 
 
 class _Yours(NamedTuple):
@@ -35,8 +119,8 @@ class _Yours(NamedTuple):
 
 
 def comparisons_of(values: Values) -> list[dict[str, Any]]:
-    """Return a comparison for each published table; a quantity that the campaign lacks has only published rows."""
-    return [_comparison(values, name, table) for name, table in tables().items()]
+    """Return a comparison for each published quantity; one that the campaign lacks has only published rows."""
+    return [_comparison(values, table) for table in _TABLES]
 
 
 def frame_text(frame: BodyFrame) -> str:
@@ -44,8 +128,8 @@ def frame_text(frame: BodyFrame) -> str:
     return f"forward {frame.forward}, left {frame.left}, up {frame.up}"
 
 
-def _comparison(values: Values, name: str, table: Table) -> dict[str, Any]:
-    yours = _yours(values, name, table)
+def _comparison(values: Values, table: _Table) -> dict[str, Any]:
+    yours = _yours(values, table)
     rejected = dict.fromkeys(source.fit.name for source in yours.sources if source is not None and not source.accepted)
     note = f"REJECTED by its fit, and kept nevertheless ({', '.join(rejected)})" if rejected else ""
     own = _line("this campaign", values.rig.vehicle.name, yours.values, frame=yours.frame, note=note)
@@ -56,19 +140,56 @@ def _comparison(values: Values, name: str, table: Table) -> dict[str, Any]:
         "unit": table.unit,
         "yours": own if yours.values else None,
         "yours_std": list(yours.stds),
-        "others": [_published(row, is_inertia=name == "inertia_kg_m2") for row in table.rows],
+        "others": [row for published in published_sets().values() for row in _published(published, table)],
     }
 
 
-def _published(row: Row, *, is_inertia: bool) -> dict[str, Any]:
-    values: list[float | None] = list(row.values)
-    if is_inertia:
-        entries = turned(shaped_as(_INERTIA, (*row.values, 0.0, 0.0, 0.0)[:6], None), row.frame)
-        values = [*list(entries.values())[: len(row.values)], *[None] * (6 - len(row.values))]
-    frame = (
-        "" if not is_inertia else "x forward" if row.frame == BodyFrame() else f"turned from {frame_text(row.frame)}"
-    )
-    return _line(row.who, row.vehicle, values, frame=frame, source=row.source, note=row.note)
+def _published(published: PublishedSet, table: _Table) -> list[dict[str, Any]]:
+    """Return the lines of a set: one for each of its values, of thrust over speed for the first alone."""
+    stated = [value for value in published.values if value.key in table.keys]
+    if table.at and not stated and table.measured:
+        points = published.find("motor.table")
+        stated = [points] if points is not None and table.measured in points.value[0] else []
+    lines = []
+    for value in stated[:1] if table.at else stated:
+        frame = ""
+        if table is _INERTIAS:
+            is_along = published.frame == BodyFrame()
+            frame = "x forward" if is_along else f"turned from {frame_text(published.frame)}"
+        who = f"{published.title} ({value.variant})" if value.variant else published.title
+        notes = [value.remark, published.payload if table is _MASS else ""]
+        if table is _DRAG and value.key != table.keys[0]:
+            notes.append("diagonal of its matrix")
+        lines.append(
+            _line(
+                who,
+                published.vehicle,
+                _published_values(published, value, table),
+                frame=frame,
+                source=published.origin(value),
+                note="; ".join(filter(None, notes)),
+            )
+        )
+    return lines
+
+
+def _published_values(published: PublishedSet, stated: PublishedValue, table: _Table) -> list[float | None]:
+    """Return the values of a set's line; products of inertia are left out where the set's matrix is diagonal."""
+    value = stated.value
+    if stated.key == "motor.table":
+        at_command = {row["cmd"]: row[table.measured] for row in value}
+        return [at_command.get(command) for command in table.at]
+    if stated.key == "motor.thrust_per_speed_squared_n_s2":
+        return [value * speed_rad_s**2 for speed_rad_s in table.at]
+    if table.at:
+        return [evaluate(stated.key, value, x) for x in table.at]
+    if stated.key == _INERTIA:
+        entries = list(turned(value, published.frame).values())
+        return [*entries] if any(entries[3:]) else [*entries[:3], None, None, None]
+    if table in (_DRAG, _DRAG_IN_HOVER):
+        along = [row[i] for i, row in enumerate(value)] if isinstance(value[0], list) else value
+        return [along[place] for place, _ in published.frame.axes]
+    return [value[-2] if isinstance(value, list) else value]
 
 
 def _line(who: str, vehicle: str, values: Sequence[float | None], **texts: str) -> dict[str, Any]:
@@ -76,17 +197,16 @@ def _line(who: str, vehicle: str, values: Sequence[float | None], **texts: str) 
     return {"who": who, "vehicle": vehicle, "values": list(values), "frame": "", "source": "", "note": "", **texts}
 
 
-def _yours(values: Values, name: str, table: Table) -> _Yours:
-    """Return the campaign's values of a published table, empty without a measurement."""
-    if name in _MAKERS:
-        return _MAKERS[name](values)
-    key, column = _QUANTITIES[name]
-    quantity = values.find(key)
+def _yours(values: Values, table: _Table) -> _Yours:
+    """Return the campaign's values of a comparison, empty without a measurement."""
+    if table in _MAKERS:
+        return _MAKERS[table](values)
+    quantity = values.find(table.keys[0])
     if quantity is None:
         return _Yours()
     value, std = quantity.parameter.value, quantity.parameter.std
     if table.at:
-        return _Yours(_evaluated(quantity, table.at, column), (), (quantity,))
+        return _Yours(_evaluated(quantity, table.at, table.column), (), (quantity,))
     if isinstance(value, list):  # the slope of a straight line
         value, std = (value[0], std and std[0]) if len(value) == 2 else (None, None)
     return _Yours() if value is None else _Yours((value,), (std,), (quantity,))
@@ -150,9 +270,9 @@ def _hover_speed_sum_rad_s(values: Values) -> float | None:
     return ROTORS * evaluate(speed.key, speed.parameter.value, commands[carries.argmax()]) if carries.any() else None
 
 
-_MAKERS: Mapping[str, Callable[[Values], _Yours]] = {
-    "mass_kg": _mass,
-    "inertia_kg_m2": _inertia,
-    "drag_kg_per_rad": _drag,
-    "drag_kg_per_s": _drag_in_hover,
+_MAKERS: Mapping[_Table, Callable[[Values], _Yours]] = {
+    _MASS: _mass,
+    _INERTIAS: _inertia,
+    _DRAG: _drag,
+    _DRAG_IN_HOVER: _drag_in_hover,
 }

@@ -1,19 +1,16 @@
 """Make parameter sets: from a campaign's rig, from its flights, and from complete published values."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-
-import numpy as np
-import numpy.typing as npt
 
 from cfid.errors import CfidError, ConfigError
 from cfid.flight.data import same_flight
 from cfid.flight.model import ThrustLag
 from cfid.flight.rows import AXES
-from cfid.published import tables, turned
+from cfid.published import published_sets, turned
 from cfid.recordings.read import read_recording
 from cfid.recordings.recording import Recording
 from cfid.records.campaign import Campaign
@@ -23,11 +20,12 @@ from cfid.records.parameters import Parameter
 from cfid.records.rig_file import Rig, load_rig, thesis_rig
 from cfid.records.run import run_holding
 from cfid.records.values import Values
-from cfid.units import FULL_COMMAND, MM, RPM
+from cfid.units import FULL_COMMAND, MM
 from cfid.validation.predictions import ParameterSet
 
 _BEYOND = 20.0  # times mass times arm squared, or one over it: bodies have 0.2 to 2
-ARM_M = 0.046  # of a Crazyflie 2.x, from its centre to a motor's axis, for published sets
+PUBLISHED = ("thesis", "gym-pybullet-drones", "firmware")  # complete sets of a Crazyflie 2.x
+_ARM_M = 0.046  # of a Crazyflie 2.x, from its centre to a motor's axis, for all of these
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,10 +103,24 @@ def sets_of(measured: Measured, *, in_volts: bool) -> tuple[list[ParameterSet], 
 
 def published_set(name: str) -> ParameterSet:
     """Return a published set. Raises ConfigError for another name."""
-    make = PUBLISHED.get(name)
-    if make is None:
+    if name not in PUBLISHED:
         raise ConfigError(f"`with` {name}: no campaign folder, and no published set ({', '.join(PUBLISHED)}).")
-    return make()
+    published = published_sets()[name]
+    along = turned(published["inertia.matrix_kg_m2"].value, published.frame)
+    lag = published.find("tf.time_constant_s")
+    of_volts = published.find("motor.thrust_voltage_poly")
+    thrust_n = _over_full_command(published["motor.thrust_poly"].value) if of_volts is None else tuple(of_volts.value)
+    return ParameterSet(
+        name=name,
+        origin=published.origin(published["mass_kg"]),
+        mass_kg=published["mass_kg"].value,
+        moments_kg_m2=(along["roll"], along["pitch"], along["yaw"]),
+        arm_m=_ARM_M,
+        torque_m=published["motor.torque_poly"].value[-2],
+        thrust_n=thrust_n,
+        in_volts=of_volts is not None,
+        lag=None if lag is None else ThrustLag(lag.value, lag.value),
+    )
 
 
 def _impossible(vehicle: ParameterSet) -> str:
@@ -176,83 +188,9 @@ def _thrust(measured: Measured, experiment: str, in_volts: bool) -> tuple[tuple[
     of_volts = measured.get(f"{experiment}.thrust_voltage_poly")
     if in_volts and of_volts is not None:
         return tuple(map(float, of_volts.value)), True
-    lowest_first = reversed(measured[f"{experiment}.thrust_poly"].value)
-    return tuple(float(value) * FULL_COMMAND**power for power, value in enumerate(lowest_first)), False
+    return _over_full_command(measured[f"{experiment}.thrust_poly"].value), False
 
 
-def _published(
-    name: str,
-    *,
-    mass: tuple[str, str],
-    moments: tuple[str, str],
-    torque: tuple[str, str],
-    thrust: tuple[npt.ArrayLike, Sequence[float | None]],
-    degree: int = 2,
-    in_volts: bool = False,
-    lag_s: float | None = None,
-) -> ParameterSet:
-    """Return the set of a publication, by who published mass, moments and torque, and for which vehicle.
-
-    Thrust is the polynomial through values at drives.
-    """
-    weighed, inertia = tables()["mass_kg"].row(*mass), tables()["inertia_kg_m2"].row(*moments)
-    xx, yy, zz, xy, xz, yz = (*inertia.values, 0.0, 0.0, 0.0)[:6]
-    along = turned([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], inertia.frame)
-    drives, thrusts_n = (np.array(values, dtype=np.float64) for values in thrust)
-    return ParameterSet(
-        name=name,
-        origin=weighed.source,
-        mass_kg=weighed.values[0],
-        moments_kg_m2=(along["roll"], along["pitch"], along["yaw"]),
-        arm_m=ARM_M,
-        torque_m=tables()["torque_per_thrust_m"].row(*torque).values[0],
-        thrust_n=tuple(map(float, np.polynomial.polynomial.polyfit(drives, thrusts_n, degree))),
-        in_volts=in_volts,
-        lag=None if lag_s is None else ThrustLag(lag_s, lag_s),
-    )
-
-
-def _thesis() -> ParameterSet:
-    vehicle, thrust = ("thesis", "Crazyflie 2.0"), tables()["thrust_of_command_n"]
-    return _published(
-        "thesis",
-        mass=vehicle,
-        moments=vehicle,
-        torque=vehicle,
-        thrust=(np.array(thrust.at) / FULL_COMMAND, thrust.row(*vehicle).values),
-        lag_s=tables()["time_constant_s"].row("thesis (3.16)", "2.0").values[0],
-    )
-
-
-def _pybullet() -> ParameterSet:
-    commands, thrust = tables()["thrust_of_command_n"].at, tables()["thrust_of_speed_n"]
-    speeds = [RPM * (0.2685 * command + 4070.3) for command in commands]  # rad/s, linear in the command
-    vehicle = "gym-pybullet-drones", "2.x"
-    k = thrust.row(*vehicle).values[0] / thrust.at[0] ** 2
-    return _published(
-        "gym-pybullet-drones",
-        mass=("gym-pybullet-drones", "Crazyflie 2.x"),
-        moments=vehicle,
-        torque=vehicle,
-        thrust=(np.array(commands) / FULL_COMMAND, [k * speed**2 for speed in speeds]),
-    )
-
-
-def _firmware() -> ParameterSet:
-    motors, thrust = ("Bitcraze firmware", "2.x, legacy propellers"), tables()["thrust_of_voltage_n"]
-    return _published(
-        "firmware",
-        mass=("Bitcraze firmware", "Crazyflie 2.x"),
-        moments=("Bitcraze firmware (Lee)", "Crazyflie 2.x"),
-        torque=motors,
-        thrust=(thrust.at, thrust.row(*motors).values),
-        degree=3,
-        in_volts=True,
-    )
-
-
-PUBLISHED: Mapping[str, Callable[[], ParameterSet]] = {
-    "thesis": _thesis,
-    "gym-pybullet-drones": _pybullet,
-    "firmware": _firmware,
-}
+def _over_full_command(thrust_poly: Sequence[float]) -> tuple[float, ...]:
+    """Return a thrust map's coefficients over the command relative to full command, lowest power first."""
+    return tuple(float(value) * FULL_COMMAND**power for power, value in enumerate(reversed(thrust_poly)))

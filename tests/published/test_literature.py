@@ -1,0 +1,133 @@
+"""What the literature states of a Crazyflie, transcribed apart from the sets: a report shows every number of it.
+
+Formulas are evaluated here to nine digits. Inertia is along forward, left and up: the thesis' matrix is turned.
+"""
+
+import pytest
+
+from cfid.records.campaign import Campaign
+from tests.lab import new_campaign
+from tests.report.fits_by_hand import report_of
+
+NONE = (None, None, None)  # products that the source leaves out
+LITERATURE: dict[str, list[tuple[str, str, list[float | None]]]] = {
+    "Mass": [
+        ("thesis", "Crazyflie 2.0", [0.028]),
+        ("Bitcraze firmware", "2.x, legacy propellers", [0.029]),
+        ("Bitcraze firmware", "2.x, thrust upgrade kit", [0.0325]),
+        ("Bitcraze firmware", "2.1 Brushless", [0.0393]),
+        ("crazyflow", "2.x, L250", [0.0319]),
+        ("crazyflow", "2.x, P250", [0.0318]),
+        ("crazyflow", "2.x, T350", [0.0379]),
+        ("crazyflow", "2.1 Brushless", [0.04338]),
+        ("RotorPy", "Crazyflie", [0.03]),
+        ("RotorPy", "Brushless", [0.044]),
+        ("gym-pybullet-drones", "2.x", [0.027]),
+    ],
+    "Inertia about the centre of mass": [
+        (
+            "thesis",
+            "Crazyflie 2.0",
+            [1.6655602e-05, 1.657171e-05, 2.9261652e-05, -8.30806e-07, 1.800197e-06, -7.18277e-07],
+        ),
+        (
+            "Bitcraze Gazebo model",
+            "Crazyflie 2.x",
+            [1.657171e-05, 1.6655602e-05, 2.9261652e-05, 8.30806e-07, 7.18277e-07, 1.800197e-06],
+        ),
+        (
+            "Bitcraze firmware (Brescianini)",
+            "2.x, legacy propellers",
+            [1.66e-05, 1.66e-05, 2.93e-05, 8.3e-07, 7.2e-07, 1.8e-06],
+        ),
+        ("Bitcraze firmware (Lee)", "2.x, legacy propellers", [1.657171e-05, 1.6655602e-05, 2.9261652e-05, *NONE]),
+        ("crazyflow", "2.x, L250", [1.68e-05, 1.68e-05, 2.98e-05, *NONE]),
+        ("crazyflow", "2.1 Brushless", [2.5e-05, 2.8e-05, 4.9e-05, *NONE]),
+        ("RotorPy", "Crazyflie", [1.43e-05, 1.43e-05, 2.89e-05, *NONE]),
+        ("RotorPy", "Brushless", [3.3e-05, 3.6e-05, 5.9e-05, *NONE]),
+        ("gym-pybullet-drones", "2.x", [1.4e-05, 1.4e-05, 2.17e-05, *NONE]),
+        ("Luis and Le Ny", "Crazyflie 2.0", [1.395e-05, 1.436e-05, 2.173e-05, *NONE]),
+        ("Landry", "Crazyflie 2.0 with markers", [2.3951e-05, 2.3951e-05, 3.2347e-05, *NONE]),
+    ],
+    "Thrust of the command": [
+        ("thesis", "Crazyflie 2.0", [0.0231855822, 0.0572596425, 0.102770637, 0.144409371]),
+        ("Bitcraze 2015", "Crazyflie 2.0", [0.0267231213, 0.059820565, 0.102234326, 0.141951259]),
+    ],
+    "Rotor speed of the command": [
+        ("thesis", "Crazyflie 2.0", [1048.7331, 1716.6303, 2384.5275, 2885.4504]),
+        ("Bitcraze 2015", "Crazyflie 2.0", [1139.87453, 1667.55738, 2150.83905, 2500.91719]),
+        ("Luis and Le Ny", "Crazyflie 2.0", [886.913913, 1347.58701, 1808.2601, 2153.76492]),
+    ],
+    "Thrust of the rotor's speed": [
+        ("thesis", "Crazyflie 2.0", [0.0211470616, 0.0449546522, 0.0751718347]),
+        ("Bitcraze 2015", "Crazyflie 2.0", [0.0199101746, 0.0480231218, 0.0883672999]),
+        ("Bitcraze 2021", "Crazyflie 2.1", [0.0196, 0.0441, 0.0784]),
+        ("crazyflow", "2.x, L250", [0.0172773251, 0.0427286957, 0.0793885381]),
+        ("crazyflow", "2.x, P250", [0.0111889398, 0.0277677647, 0.051669493]),
+        ("RotorPy", "Crazyflie", [0.023, 0.05175, 0.092]),
+        ("gym-pybullet-drones", "2.x", [0.0288157446, 0.0648354254, 0.115262979]),
+        ("Luis and Le Ny", "Crazyflie 2.0", [0.0287993306, 0.0647984938, 0.115197322]),
+    ],
+    "Thrust of the motor's voltage": [
+        ("Bitcraze firmware", "2.x, legacy propellers", [0.0534513771, 0.0809600503, 0.121585367, 0.179798019]),
+        ("Bitcraze firmware", "2.1+", [0.052754786, 0.0767636359, 0.112789193, 0.16591405]),
+        ("Bitcraze firmware", "2.1 Brushless", [0.0950392224, 0.136179278, 0.185952087, 0.245900923]),
+    ],
+    "Torque per thrust": [
+        ("thesis", "Crazyflie 2.0", [0.005964552]),
+        ("Bitcraze firmware", "2.x, legacy propellers", [0.00735086286]),
+        ("Bitcraze firmware", "2.1+", [0.0069928949]),
+        ("Bitcraze firmware", "2.x, thrust upgrade kit", [0.00516486279]),
+        ("Bitcraze firmware", "2.1 Brushless", [0.00569278844]),
+        ("Bitcraze Gazebo model", "Crazyflie 2.x", [0.005964552]),
+        ("RotorPy", "Crazyflie", [0.0339130435]),
+        ("gym-pybullet-drones", "2.x", [0.0251265823]),
+        ("Luis and Le Ny", "Crazyflie 2.0", [0.0251342537]),
+    ],
+    "Time constant of motor and rotor": [
+        ("thesis (3.16)", "Crazyflie 2.0", [0.0646555886]),
+        ("thesis (3.15)", "Crazyflie 2.0", [0.0774917148]),
+        ("RotorPy", "Crazyflie", [0.072]),
+        ("RotorPy", "Brushless", [0.05]),
+        ("crazyflow", "2.x, L250", [0.0858607]),
+        ("crazyflow", "2.x, P250", [0.0578952]),
+        ("crazyflow", "2.x, T350", [0.05062676]),
+        ("crazyflow", "2.1 Brushless", [0.02055366]),
+    ],
+    "Static gain of the transfer function": [
+        ("thesis (3.16)", "Crazyflie 2.0", [2.37512554e-06]),
+        ("thesis (3.15)", "Crazyflie 2.0", [2.38258829e-06]),
+    ],
+    "Drag per rotor speed and velocity": [
+        ("thesis (simple)", "Crazyflie 2.0", [-9.1785e-07, -9.1785e-07, -1.0311e-06]),
+        ("thesis (cross)", "Crazyflie 2.0", [-1.02506e-06, -1.02506e-06, -7.553e-07]),
+        ("RotorPy", "Crazyflie", [-1.02506e-06, -1.02506e-06, -7.553e-07]),
+        ("gym-pybullet-drones", "2.x", [-9.1785e-07, -9.1785e-07, -1.0311e-06]),
+    ],
+    "Drag per velocity": [
+        ("crazyflow", "2.x, L250", [-0.01471782, -0.01471782, -0.01277641]),
+        ("crazyflow", "2.x, P250", [-0.01351483, -0.01351483, -0.01677452]),
+        ("crazyflow", "2.1 Brushless", [-0.02149163, -0.02149163, -0.02359736]),
+    ],
+}
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
+    return new_campaign(tmp_path_factory.mktemp("campaign"))
+
+
+@pytest.mark.parametrize("title", LITERATURE)
+def test_a_report_has_every_number_of_the_literature(campaign: Campaign, title: str) -> None:
+    (comparison,) = [each for each in report_of(campaign)["comparisons"] if each["title"] == title]
+    rows = [(row["who"], row["vehicle"], row["values"]) for row in comparison["others"]]
+    for who, vehicle, values in LITERATURE[title]:
+        found = [numbers for *named, numbers in rows if named == [who, vehicle]]
+        assert any(is_near(numbers, values) for numbers in found), (who, vehicle)
+
+
+def is_near(numbers: list[float | None], values: list[float | None]) -> bool:
+    return len(numbers) == len(values) and all(
+        number is value is None or (None not in (number, value) and number == pytest.approx(value, rel=1e-8))
+        for number, value in zip(numbers, values, strict=True)
+    )
