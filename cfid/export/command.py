@@ -13,7 +13,8 @@ from cfid.errors import ConfigError, DataError
 from cfid.export.render import rendered
 from cfid.export.samples import EVERYTHING, LISTS, counts_text, draw
 from cfid.export.target import FOLDER, Target, given_by, need_keys, need_text, refuse, target_named, targets, warnings
-from cfid.export.vehicle import ExportVehicle, collect
+from cfid.export.vehicle import ExportVehicle, collect, collect_published
+from cfid.published import published_set
 from cfid.records.campaign import Campaign
 from cfid.records.files import write_files
 from cfid.records.values import Values
@@ -31,6 +32,14 @@ def export(
         ),
     ],
     *,
+    source: Annotated[
+        str | None,
+        typer.Option(
+            "--from",
+            metavar="NAME|FILE.toml",
+            help="Published parameter set to export instead of a campaign, such as thesis; writes to this folder.",
+        ),
+    ] = None,
     out: Annotated[
         str | None,
         typer.Option(
@@ -58,28 +67,39 @@ def export(
     A quantity that was not measured is left out or marked, never guessed; a target that needs it is refused. Rejected,
     outdated or implausible quantities are refused too, unless --force is given; the file then marks them.
 
+    With --from, the file has what others published, and no campaign is needed.
+
     Example: [bold]cfid export crazyflow[/bold]
     """
-    opened = here()
-    vehicle, values = _collected(opened)
+    values = None
+    if source is None:
+        opened = here()
+        place, exports = opened.folder, opened.folder / FOLDER
+        vehicle, values = _collected(opened)
+    else:
+        place, exports = Path(), Path()
+        vehicle = collect_published(published_set(source))
     if target == LIST:
-        _print_list(opened, vehicle)
+        _print_list(place, vehicle)
         return
     if target == SAMPLES:
+        if values is None:
+            raise ConfigError("samples are drawn from the uncertainties of a campaign: leave --from out.")
         if out == "-":
             raise ConfigError("samples are several files: --out must name a folder, not -.")
-        folder = Path(out) if out else opened.folder / FOLDER
+        folder = Path(out) if out else exports
         _write_samples(vehicle, values, folder, count=count or 1000, seed=1 if seed is None else seed, force=force)
         return
     if count is not None or seed is not None:
         raise ConfigError("--samples and --seed go with `cfid export samples`: a file has the measured numbers.")
-    wanted = target_named(target, opened.folder)
+    wanted = target_named(target, place)
     text = rendered(wanted, vehicle)  # raises first, since --force does not lift its refusals
     refuse(wanted, vehicle, values, force=force)
     notes = warnings(wanted, vehicle)
-    notes += [f"not measured, and left out or marked: {need_text(use)}." for use in wanted.not_measured(vehicle)]
+    lacking = "not measured" if source is None else "not stated"
+    notes += [f"{lacking}, and left out or marked: {need_text(use, vehicle)}." for use in wanted.not_measured(vehicle)]
     if out != "-":
-        path = Path(out) if out else opened.folder / FOLDER / wanted.file_name
+        path = Path(out) if out else exports / wanted.file_name
         write_files({path: text.encode()}, force=force)
         _print_written(target, [path], notes)
     elif program().json:
@@ -128,13 +148,13 @@ def _write_samples(vehicle: ExportVehicle, values: Values, folder: Path, *, coun
     notes += marks
     for name in LISTS:
         if missing := target_named(name, folder).missing(vehicle):
-            needs = "; ".join(map(need_text, missing))
+            needs = "; ".join(need_text(need, vehicle) for need in missing)
             notes.append(f"no list for {name}, which needs what is not measured yet: {needs}.")
     _print_written(SAMPLES, list(files), notes, draws=samples.draws, rejected=dict(samples.reasons))
 
 
-def _print_list(campaign: Campaign, vehicle: ExportVehicle) -> None:
-    listed, faults = targets(campaign.folder)
+def _print_list(folder: Path, vehicle: ExportVehicle) -> None:
+    listed, faults = targets(folder)
     for fault in faults:
         note(str(fault))
     rows = [_row(target, vehicle) for target in listed.values()]
@@ -144,8 +164,8 @@ def _print_list(campaign: Campaign, vehicle: ExportVehicle) -> None:
     for row in rows:
         headline(f"{row['target']}: {row['about']}")
         _print_keys("has", ["; ".join(need["keys"] for need in row["needs"] + row["uses"] if need["known"])])
-        _print_keys("MISSING", [f"{n['keys']}: {n['given_by']}" for n in row["needs"] if not n["known"]])
-        _print_keys("could also use", [f"{n['keys']}: {n['given_by']}" for n in row["uses"] if not n["known"]])
+        _print_keys("MISSING", [_lacking(n) for n in row["needs"] if not n["known"]])
+        _print_keys("could also use", [_lacking(n) for n in row["uses"] if not n["known"]])
         _print_keys("rejected", row["rejected"])
 
 
@@ -154,10 +174,15 @@ def _print_keys(title: str, words: list[str]) -> None:
         echo(f"  {title}: {in_options(word)}")
 
 
+def _lacking(need: dict[str, Any]) -> str:
+    return ": ".join(filter(None, [need["keys"], need["given_by"]]))
+
+
 def _row(target: Target, vehicle: ExportVehicle) -> dict[str, Any]:
 
     def row_of(need: str) -> dict[str, Any]:
-        return {"keys": need_keys(need), "known": bool(vehicle.met(need)), "given_by": given_by(need)}
+        by = "" if vehicle.published else given_by(need)
+        return {"keys": need_keys(need), "known": bool(vehicle.met(need)), "given_by": by}
 
     return {
         "target": target.name,

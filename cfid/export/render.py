@@ -91,27 +91,38 @@ def _own_body(target: Target, vehicle: ExportVehicle) -> str:
 def _head(target: Target, vehicle: ExportVehicle) -> list[str]:
     """Return the comments: what the file is and of what, its frame, hovering, and what it leaves out."""
     since = f", values of {vehicle.measured}" if vehicle.measured else ""
-    title = f"{target.about}: {vehicle.name}, campaign {vehicle.campaign}{since}, by cfid {__version__}."
-    above = textwrap.wrap(title, _WIDTH, max_lines=2)
+    published = vehicle.published
+    origin = f"campaign {vehicle.campaign}{since}" if published is None else f"published set {published.name}"
+    above = textwrap.wrap(f"{target.about}: {vehicle.name}, {origin}, by cfid {__version__}.", _WIDTH, max_lines=2)
     lines = textwrap.wrap(target.note, _WIDTH)
     if target.frame != "none":
         axes = f"forward {vehicle.frame.forward}, left {vehicle.frame.left}, up {vehicle.frame.up}"
-        lines.append(f"Axes: x forward, y left, z up, from the centre of mass. In the campaign: {axes}.")
+        where = "campaign" if published is None else "set"
+        lines.append(f"Axes: x forward, y left, z up, from the centre of mass. In the {where}: {axes}.")
     with contextlib.suppress(DataError):
         lines.append(_hovering(vehicle))
     left_out = {
-        "NOT MEASURED": map(need_keys, target.not_measured(vehicle)),
+        "NOT MEASURED" if published is None else "NOT STATED": map(need_keys, target.not_measured(vehicle)),
         "No place in this format": target.no_place(vehicle),
     }
     sentences = [f"{reason}: {names}." for reason, of in left_out.items() if (names := ", ".join(of))]
     lines += textwrap.wrap(" ".join(sentences), _WIDTH, max_lines=4)
-    lines.append("Uncertainties and origins: `cfid parameters`, and as numbers `cfid export json`.")
+    lines += textwrap.wrap(_origins(target, vehicle), _WIDTH, max_lines=2)
     marks: dict[str, list[str]] = {}
     for caveat, keys in caveats(target, vehicle).items():
         marks.setdefault(caveat.mark, []).extend(keys)
     warnings = " ".join(f"{mark}: {', '.join(dict.fromkeys(keys))}." for mark, keys in marks.items())
     above += textwrap.wrap(warnings, _WIDTH, max_lines=_LINES - len(above) - len(lines), placeholder=" ...")
     return above + lines
+
+
+def _origins(target: Target, vehicle: ExportVehicle) -> str:
+    """Return where uncertainties and origins are, or what a published set states of them."""
+    if vehicle.published is None:
+        return "Uncertainties and origins: `cfid parameters`, and as numbers `cfid export json`."
+    stated = [quantity.key for quantity in target.taken(vehicle) if quantity.std is not None]
+    of = f"uncertainties of {', '.join(stated)} alone" if stated else "no uncertainties"
+    return f"Nothing was measured here, and the source states {of}: {vehicle.published.source}."
 
 
 def _hovering(vehicle: ExportVehicle) -> str:

@@ -23,7 +23,7 @@ FOLDER = "exports"  # in a campaign's folder: exported files, and templates of i
 _SIGNED = ("tf.delay_s",)  # negative where the force is earlier than its stamped input
 _MARKS = (  # the worst first
     "REJECTED", "IMPLAUSIBLE", "OUTDATED", "SIMULATED",
-    "NO HOVERING", "EXTRAPOLATED", "OTHER RIG",
+    "NO HOVERING", "EXTRAPOLATED", "OTHER RIG", "ASSUMED", "CALCULATED", "REMARK",
 )  # fmt: skip
 
 
@@ -135,9 +135,9 @@ def _target(name: str, text: str, *, own: bool = False) -> Target:
     return Target.model_validate({**head, "name": name, "template": text, "own": own})
 
 
-def need_text(need: str) -> str:
-    """Return the keys of a need and the commands that determine them."""
-    return f"{need_keys(need)} ({given_by(need)})"
+def need_text(need: str, vehicle: ExportVehicle) -> str:
+    """Return the keys of a need and, for a campaign, the commands that determine them."""
+    return need_keys(need) if vehicle.published else f"{need_keys(need)} ({given_by(need)})"
 
 
 def need_keys(need: str) -> str:
@@ -154,20 +154,23 @@ def given_by(need: str) -> str:
 def check_sense(target: Target, vehicle: ExportVehicle) -> None:
     """Raise DataError for needs that are not met, and for divisors and sizes that are not above zero."""
     if lacking := target.missing(vehicle):
-        raise DataError(f"{target.name} needs what is not measured yet: {'; '.join(map(need_text, lacking))}.")
+        lack = f"the set {vehicle.published.name} does not state" if vehicle.published else "is not measured yet"
+        needs = "; ".join(need_text(need, vehicle) for need in lacking)
+        raise DataError(f"{target.name} needs what {lack}: {needs}.")
     for quantity in target.taken(vehicle):
         if isinstance(quantity.value, int | float) and quantity.value <= 0 and quantity.key not in _SIGNED:
             raise DataError(f"{quantity.key} is {quantity.value:.7g}, and {target.name} needs it above zero.")
 
 
-def refuse(target: Target, vehicle: ExportVehicle, values: Values, *, force: bool = False) -> None:
+def refuse(target: Target, vehicle: ExportVehicle, values: Values | None, *, force: bool = False) -> None:
     """Raise DataError for quantities that should not be exported; with `force`, these are exported and marked.
 
-    A quantity that a fit rejected, and that no other source gives, is refused in any case.
+    A quantity that a fit rejected, and that no other source gives, is refused in any case; `values` are the campaign's,
+    None for a published set.
     """
     lacking = [name for key in target.keys if vehicle.find(key) is None for name in keys_of(key)]
     for key in sorted(lacking):
-        if values.find(key) is None and (reason := values.rejected(key)):
+        if values is not None and values.find(key) is None and (reason := values.rejected(key)):
             raise DataError(f"{target.name}: nothing was written, since {key} was rejected: {reason}")
     objections = [sentence for quantity in target.taken(vehicle) for sentence in quantity.objections()]
     if objections and not force:

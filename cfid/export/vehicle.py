@@ -1,4 +1,4 @@
-"""Collect a campaign's quantities once for all exports, as measured: neither turned nor converted."""
+"""Collect the quantities of a campaign or of a published set once for all exports: neither turned nor converted."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -6,13 +6,14 @@ from pathlib import Path
 from typing import NamedTuple
 
 from cfid.errors import ConfigError
+from cfid.published import PublishedSet
 from cfid.quantities.plausible import centre_fault, implausible
-from cfid.quantities.registry import unit_of
+from cfid.quantities.registry import Platform, unit_of
 from cfid.records.parameters import Section, Value, plain
 from cfid.records.rig_file import BodyFrame, Rig
 from cfid.records.stale import other_facts
 from cfid.records.values import Quantity, Values
-from cfid.units import FULL_COMMAND, MM, NEAR_FULL
+from cfid.units import FULL_COMMAND, MM, NEAR_FULL, USUAL_GRAVITY_MPS2
 
 # What exports can use, by key. Two models of the drag give one quantity, `drag`; the simple one goes first.
 EXPORTED = (
@@ -79,13 +80,14 @@ class ExportQuantity:
 
 @dataclass(frozen=True, kw_only=True)
 class ExportVehicle:
-    """All known quantities by key, in the body frame that rig.toml states.
+    """All known quantities by key, in the body frame that rig.toml or a published set states.
 
-    Mass, gravity and the centre of mass come from rig.toml, as does the arm unless it was set by hand. The centre of
-    mass (3,) in m counts from the vehicle's middle, at the height of the table that the vehicle stands on. `partial`
-    contains the quantities with unknown numbers. `further` contains, by kind of fit, values of the fit in force whose
-    key was taken from another fit. `covariance` contains, by kind of fit, the covariances and common causes of the
-    values. `measured` is the date of the latest fit, "" without fits.
+    Of a campaign, mass, gravity and the centre of mass come from rig.toml, as does the arm unless it was set by hand.
+    The centre of mass (3,) in m counts from the vehicle's middle, at the height of the table that the vehicle stands
+    on. `partial` contains the quantities with unknown numbers. `further` contains, by kind of fit, values of the fit in
+    force whose key was taken from another fit. `covariance` contains, by kind of fit, the covariances and common causes
+    of the values. `measured` is the date of the latest fit, "" without fits. `published` is the set that the quantities
+    come from, None for a campaign's.
     """
 
     name: str
@@ -96,6 +98,7 @@ class ExportVehicle:
     partial: Mapping[str, ExportQuantity] = field(default_factory=dict)
     further: Mapping[str, Sequence[ExportQuantity]] = field(default_factory=dict)
     covariance: Mapping[str, Value] = field(default_factory=dict)
+    published: PublishedSet | None = None
 
     def find(self, key: str) -> ExportQuantity | None:
         """Return a quantity of `EXPORTED`, None if it is not known."""
@@ -155,10 +158,47 @@ def collect(rig: Rig, values: Values, *, rig_file: str = "rig.toml", campaign: s
         campaign=campaign,
         measured=max((f"{value.section.found:%Y-%m-%d}" for value in counting.values()), default=""),
         frame=rig.vehicle.body_frame,
-        quantities={key: _judged(quantity, quantities, rig) for key, quantity in quantities.items()},
+        quantities=_judged(quantities, rig.vehicle.platform),
         partial={key: quantity for key, quantity in fitted.items() if key not in quantities},
         further={name: found for name, found in further.items() if found},
         covariance={name: block for name, section in values.sections().items() if (block := _dependences(section))},
+    )
+
+
+def collect_published(published: PublishedSet) -> ExportVehicle:
+    """Collect what the exports need from a published set; what it does not state of every export is assumed."""
+    assumed: dict[str, tuple[Value, str]] = {
+        "gravity_mps2": (USUAL_GRAVITY_MPS2, f"not stated: {USUAL_GRAVITY_MPS2} m/s^2 is assumed"),
+        "centre_of_mass_m": ([0.0, 0.0, 0.0], "not stated: the middle between the motors is assumed"),
+    }
+    quantities = {
+        key: ExportQuantity(
+            key=key,
+            value=value,
+            std=None,
+            unit="m" if key == "centre_of_mass_m" else unit_of(key),
+            origin="assumed",
+            caveats=(Caveat("ASSUMED", reason),),
+        )
+        for key, (value, reason) in assumed.items()
+    }
+    for value in reversed(published.values):  # the first value of a key counts
+        mark = "CALCULATED" if value.calculated else "REMARK"
+        quantities[value.key] = ExportQuantity(
+            key=value.key,
+            value=value.value,
+            std=value.std,
+            unit=unit_of(value.key),
+            origin=f"published set {published.name}: {published.origin(value)}; not measured here",
+            caveats=(Caveat(mark, value.remark),) if value.remark else (),
+        )
+    return ExportVehicle(
+        name=published.vehicle,
+        campaign="",
+        measured="",
+        frame=published.frame,
+        quantities=_judged(quantities, published.platform),
+        published=published,
     )
 
 
@@ -224,14 +264,20 @@ def _commands(section: Section) -> tuple[float, float] | None:
     return (min(known), max(known)) if known else None
 
 
-def _judged(quantity: ExportQuantity, quantities: Mapping[str, ExportQuantity], rig: Rig) -> ExportQuantity:
-    """Return a quantity, marked if its value is implausible."""
+def _judged(quantities: Mapping[str, ExportQuantity], platform: Platform) -> dict[str, ExportQuantity]:
+    """Return quantities, each marked if its value is implausible for a vehicle of a platform."""
+    return {key: _marked_if_implausible(quantity, quantities, platform) for key, quantity in quantities.items()}
+
+
+def _marked_if_implausible(
+    quantity: ExportQuantity, quantities: Mapping[str, ExportQuantity], platform: Platform
+) -> ExportQuantity:
     key = quantity.key
     if key == "centre_of_mass_m":
         arm = quantities.get("arm_m")
         fault = "" if arm is None else centre_fault(quantity.value, arm.value)
     else:
-        fault = implausible(key, quantity.value, std=quantity.std, platform=rig.vehicle.platform)
+        fault = implausible(key, quantity.value, std=quantity.std, platform=platform)
     return replace(quantity, caveats=(*quantity.caveats, Caveat("IMPLAUSIBLE", fault))) if fault else quantity
 
 

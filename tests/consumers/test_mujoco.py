@@ -6,13 +6,17 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cfid.export.vehicle import collect_published
+from cfid.published import published_set
 from tests.consumers.conftest import Judge
 from tests.consumers.plant import (
+    ARM_M,
     DOWN_S,
     DRAG_1_S,
     INERTIA,
     MASS_KG,
     MIXES,
+    MOMENT_M,
     UP_S,
     G,
     K,
@@ -23,6 +27,7 @@ from tests.consumers.plant import (
     speeds,
     written,
 )
+from tests.export.reading import export
 
 SHARE_N = MASS_KG * G / 4
 
@@ -99,3 +104,20 @@ def test_mujocos_mass_matrix_is_the_measured_one(model: Any) -> None:
         columns.append(solved[0])
 
     np.testing.assert_allclose(np.linalg.inv(columns)[3:, 3:], INERTIA, rtol=1e-6)
+
+
+def test_mujoco_hovers_and_turns_the_published_vehicle(tmp_path: Path) -> None:
+    """The centre of mass is assumed in the middle, so that four equal thrusts turn nothing."""
+    import mujoco
+
+    path = tmp_path / "thesis.xml"
+    path.write_text(export("mujoco", collect_published(published_set("thesis"))))
+    published = mujoco.MjModel.from_xml_path(str(path))
+    side_m = ARM_M / np.sqrt(2)
+    for i, (lever_m, mix) in enumerate(zip((side_m, side_m, MOMENT_M), MIXES.values(), strict=True)):
+        moment = np.zeros(3)
+        moment[i] = 4 * lever_m * 0.01 * SHARE_N
+        turning = at(published, SHARE_N * (1 + 0.01 * mix))[3:]
+        np.testing.assert_allclose(turning, np.linalg.solve(INERTIA, moment), rtol=1e-6, atol=1e-9)
+
+    np.testing.assert_allclose(at(published, SHARE_N), 0, atol=1e-6)

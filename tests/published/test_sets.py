@@ -1,5 +1,6 @@
 """Published sets: units as printed are converted when read, formulas give what follows from them, faults are named."""
 
+import itertools
 import math
 import tomllib
 from importlib.resources import files
@@ -16,6 +17,7 @@ from cfid.quantities.values import evaluate, shape_error
 from cfid.units import FULL_COMMAND
 from tests.export import thesis_vehicle as thesis
 from tests.export.test_firmware_inverse import SHIPPED
+from tests.lab import ROOT
 
 SETS = list(published_sets().values())
 RPM = 2 * math.pi / 60
@@ -82,6 +84,18 @@ def test_the_firmwares_maps_are_those_that_it_ships(name: str, map_name: str) ->
 
     assert published["motor.thrust_voltage_poly"].value == list(cubic)
     assert published["motor.max_thrust_n"].value == most_n
+
+
+def test_the_set_that_the_reference_shows_can_be_read(tmp_path: Path) -> None:
+    page = (ROOT / "docs" / "reference" / "exports.md").read_text()
+    after = page[page.index('    name = "mine"') :].splitlines()
+    block = itertools.takewhile(lambda line: not line or line.startswith("    "), after)
+    (tmp_path / "shown.toml").write_text("\n".join(block))
+    shown = published_set(str(tmp_path / "shown.toml"))
+
+    assert shown["mass_kg"].value == pytest.approx(0.0295)
+    same = published_set("bitcraze-2015")["motor.thrust_speed_poly"].value
+    assert shown["motor.thrust_speed_poly"].value == same
 
 
 # Units as printed
