@@ -181,6 +181,12 @@ def test_a_page_names_only_commands_and_options_of_the_program(page: Path) -> No
         assert named <= known, f"cfid {' '.join(words)}"
 
 
+def test_the_readme_shows_of_the_demo_what_the_first_tutorial_plays() -> None:
+    shown = re.search(r"^ +truth  measured\n(?: {4}.*\n)+", README.read_text(encoding="utf-8"), re.MULTILINE)
+    assert shown is not None
+    assert {line.removeprefix("    ") for line in shown[0].splitlines()} <= set(FIRST.read_text("utf-8").splitlines())
+
+
 @pytest.mark.skipif(not DATA.exists(), reason="the public recordings are not here (CFID_DATA)")
 @pytest.mark.parametrize("page", [README, REAL], ids=["README", "real recordings"])
 def test_the_commands_on_public_recordings_print_what_the_page_shows(page: Path, tmp_path: Path) -> None:
