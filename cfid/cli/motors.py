@@ -76,7 +76,7 @@ def set_motors(
         )
 
 
-def stop(*, uri: Uri = None) -> None:
+def stop(*, uri: Uri = None, by_button: Annotated[bool, typer.Option("--by-button", hidden=True)] = False) -> None:
     """Stop all motors and confirm the stop. Another cfid that drives them is asked to end, without waiting for it.
 
     Example: [bold]cfid motors stop[/bold]
@@ -89,7 +89,7 @@ def stop(*, uri: Uri = None) -> None:
     failed: list[DeviceError] = []
     for vehicle in [setting.uri] if setting.uri else vehicles_held() or [present().find_vehicle()]:
         try:
-            _stop(vehicle, setting)
+            _stop(vehicle, setting, by_button=by_button)
         except DeviceError as error:
             failed.append(error)
     for other in vehicles_held():
@@ -114,11 +114,11 @@ def recover(*, uri: Uri = None) -> None:
     result(f"{vehicle}: motors stopped; the vehicle {'reports no state' if state is None else f'is {state.name}'}.")
 
 
-def _stop(uri: str, setting: "CrazyflieLink") -> None:
+def _stop(uri: str, setting: "CrazyflieLink", *, by_button: bool) -> None:
     from cfid.rig.emergency import stop_vehicle
     from cfid.rig.hardware import present
 
-    stopped = stop_vehicle(uri, _ports(setting), present(), say=note)
+    stopped = stop_vehicle(uri, _ports(setting), present(), say=note, by_button=by_button)
     result(f"{uri}: {stop_line(stopped.after_s)}")
     if stopped.state is not None and stopped.state.remedy:
         note(f"{uri}: the vehicle is {stopped.state.name}: {stopped.state.remedy}.")

@@ -3,12 +3,12 @@
 import contextlib
 import os
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from cfid.errors import DeviceError, StopError
 from cfid.rig.hardware import Hardware
 from cfid.rig.link import Link
-from cfid.rig.lock import DeviceLock, Holder, find_holder
+from cfid.rig.lock import BUTTON_SIGNALS, END_SIGNALS, DeviceLock, Holder, find_holder
 from cfid.rig.stop import MAY_BE_RUNNING, Acknowledged, Kind, Stopped, arriving, stop_over
 from cfid.wire.app import AppPorts
 from cfid.wire.supervisor import PORT_SINCE, Bits, VehicleState, decode_recovery, encode_recovery
@@ -18,20 +18,22 @@ Say = Callable[[str], None]
 _WRITES_S = 10.0  # a recorder that is requested to end closes its run within 2 s, even on a busy computer
 
 
-def stop_vehicle(uri: str, ports: AppPorts, hardware: Hardware, *, say: Say) -> Stopped:
+def stop_vehicle(uri: str, ports: AppPorts, hardware: Hardware, *, say: Say, by_button: bool = False) -> Stopped:
     """Stop a vehicle's motors, whatever drives them, and read back that they stopped.
 
-    Raises DeviceError for a vehicle that cannot be reached, StopError when motors may still be running.
+    `by_button` means that a page's button was pressed, which the run of a program that drives them then states. Raises
+    DeviceError for a vehicle that cannot be reached, StopError when motors may still be running.
     """
     holder = find_holder(uri)
     if holder is not None and holder.process == os.getpid():
         holder = None
-    link, acknowledged = _second_link(holder, uri, hardware, say), None
+    signals = BUTTON_SIGNALS if by_button else END_SIGNALS
+    link, acknowledged = _second_link(holder, uri, hardware, signals, say), None
     if link is not None:
         with contextlib.closing(link):
             acknowledged = stop_over(link, ports, hardware)
             if holder is not None:
-                holder = None if _ends(holder) else holder
+                holder = None if _ends(holder, signals) else holder
                 acknowledged = stop_over(
                     link, ports, hardware
                 )  # until it ended, the holder may have sent another command
@@ -52,14 +54,16 @@ def stop_vehicle(uri: str, ports: AppPorts, hardware: Hardware, *, say: Say) -> 
     return stopped
 
 
-def _ends(holder: Holder) -> bool:
+def _ends(holder: Holder, signals: Sequence[signal.Signals]) -> bool:
     """Signal the process that holds the vehicle to end; return whether it gives the vehicle up at once."""
     if holder.is_ours and not holder.holds:  # it had to give up a radio already
         return True
-    return holder.send(signal.SIGTERM) and not holder.is_suspended and holder.wait_for_release(0.3)
+    return holder.send(*signals) and not holder.is_suspended and holder.wait_for_release(0.3)
 
 
-def _second_link(holder: Holder | None, uri: str, hardware: Hardware, say: Say) -> Link | None:
+def _second_link(
+    holder: Holder | None, uri: str, hardware: Hardware, signals: Sequence[signal.Signals], say: Say
+) -> Link | None:
     """Open a second link besides the holder's. A radio or a cable has one user: the holder has to give it up.
 
     Return None where no link can be opened although nothing holds the vehicle; connecting in full then reports why.
@@ -69,7 +73,7 @@ def _second_link(holder: Holder | None, uri: str, hardware: Hardware, say: Say) 
     except DeviceError as error:
         if holder is None:
             return None
-        if not _freed(holder, say):
+        if not _freed(holder, signals, say):
             raise StopError(
                 f"{MAY_BE_RUNNING}: {holder} keeps the link to {uri}, and this user cannot end it. ({error})"
             ) from None
@@ -81,11 +85,11 @@ def _second_link(holder: Holder | None, uri: str, hardware: Hardware, say: Say) 
     return hardware.link(uri)
 
 
-def _freed(holder: Holder, say: Say) -> bool:
+def _freed(holder: Holder, signals: Sequence[signal.Signals], say: Say) -> bool:
     """Return whether a holder gave up its radio, after a signal or because it was killed."""
     # A holder releases a radio up to 2.5 s after the motors stopped.
     patience_s = 0.5 if holder.is_suspended else 3.0
-    holder.send(signal.SIGTERM, signal.SIGCONT)  # one that is suspended gets the first when it continues
+    holder.send(*signals, signal.SIGCONT)  # one that is suspended gets the first ones when it continues
     if holder.wait_for_release(patience_s):
         return True
     if not holder.is_ours:

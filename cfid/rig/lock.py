@@ -29,6 +29,11 @@ _LONGEST = 100  # of the 107 bytes that a name may have
 _LISTENING = re.compile(r"[0-9a-f]+: [0-9A-F]+ [0-9A-F]+ 00010000 0001 01 +(?P<inode>\d+) @(?P<name>.+)")
 _SOCKETS = Path("/proc/net/unix")
 
+# What requests a holder's end. The page's button first sends a signal of its own, so that the run names it, then the
+# usual one, for a holder that was started with the first one ignored; of several requests the first counts.
+END_SIGNALS = (signal.SIGTERM,)
+BUTTON_SIGNALS = (signal.SIGUSR1, signal.SIGTERM)
+
 _PROCESSES = Path("/proc")
 _CREDENTIALS = struct.Struct("3i")  # process, user and group of a peer
 _START_FIELD = 19  # of /proc/PID/stat, counted from the state after the name

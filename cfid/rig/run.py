@@ -17,6 +17,7 @@ from cfid.records.run_writer import RunWriter, create_run
 from cfid.rig.hardware import Hardware
 from cfid.rig.instrument import Instrument, Say
 from cfid.rig.keyboard import Keyboard
+from cfid.rig.lock import BUTTON_SIGNALS
 from cfid.rig.loop import Ending, until_over
 from cfid.rig.recorder import BLOCK_S, Memory, Recorder, Sampled
 from cfid.version import __version__
@@ -28,6 +29,7 @@ Stopped = Callable[[float], None]  # gets the seconds that the motors' stop took
 
 _MOTORS = ("commands", "crossings")  # instruments that turn motors
 _OPERATOR = "the operator"
+_BUTTON = BUTTON_SIGNALS[0].name
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -190,7 +192,8 @@ async def _recorded(
         raise DeviceError(
             f"{empty[0]}: not one sample in {recorder.seconds:.1f} s. `cfid rig check` looks for the cause."
         )
-    early = f"ended by {ending.signal} after {recorder.seconds:.1f} s" if ending.signal else ""
+    by = "stopped by the page's button" if ending.signal == _BUTTON else f"ended by {ending.signal}"
+    early = f"{by} after {recorder.seconds:.1f} s" if ending.signal else ""
     if plan.procedure is None:
         return run.close("complete", reason=early if plan.for_s else "")
     whole = _is_whole(instruments)

@@ -381,8 +381,10 @@ def sine(
 
 
 def _sine_line(sine: "Sine", run: "Run") -> str:
+    header = run.header
+    state = ", ".join(filter(None, [header.state, header.reason if header.state == "interrupted" else ""]))
     lines = (
-        fitted(f"{sine.hz:g} Hz: {run.header.state} -> {run.folder}", indent=2),
+        fitted(f"{sine.hz:g} Hz: {state} -> {run.folder}", indent=2),
         fitted(f"  {printable(verdict_line(run))}", indent=2),
     )
     return "\n".join(line for line in lines if line.strip())

@@ -113,7 +113,7 @@ def _stopped_by(vehicle: list[str], where: list[str], failed: str) -> StopReport
     """Run `cfid motors stop` with these options; `failed` begins the text of a failure that states no danger itself."""
     try:
         ended = subprocess.run(
-            cfid_command("motors", "stop", *vehicle, *where),
+            cfid_command("motors", "stop", "--by-button", *vehicle, *where),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,

@@ -1,5 +1,6 @@
 """The page's button stops the vehicle that the shown run drives, whichever vehicle the local campaign names."""
 
+import html
 import http.client
 import json
 import re
@@ -11,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from cfid.records.rig_file import new_rig_text
+from cfid.records.run import read_run
 from cfid.watch.door import Door
 from cfid.watch.live_run import ShownRun
 from cfid.watch.stop import MotorStop, StopReport
@@ -182,6 +185,14 @@ def test_the_vehicle_of_the_run_is_named_and_stopped_whatever_any_rig_toml_state
             facts = facts_of(port)
             answer = press(port)
             wait_until(lambda: not any(bench.motors), "the motors' stop")
-        recorder.end()
+            recorder.end()
+            ended = facts_of(port)
+        (bench.folder / "rig.toml").write_text(new_rig_text())
+        runs = bench.start("runs")
+        assert runs.end() == 0, runs.err
+    reason = read_run(run).header.reason
+    assert re.fullmatch(r"stopped by the page's button after [\d.]+ s", reason)
+    for text in (html.unescape(ended), recorder.out + recorder.err, runs.out):
+        assert reason in " ".join(text.split())
     assert named(bench.uri) in facts
     assert answer["stopped"], answer
