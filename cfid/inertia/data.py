@@ -26,8 +26,9 @@ from cfid.swing.body import (
     surroundings,
     threads_of,
 )
+from cfid.swing.estimation import SwingFit
 from cfid.swing.result import FREQUENCY, Method, estimate
-from cfid.swing.window import check_peaks, peaks_on
+from cfid.swing.window import FreeSwing, check_peaks, peaks_on
 
 Swing = AngleSource | KnownInertia
 Peaks = int | Mapping[str, int] | None
@@ -35,7 +36,10 @@ Peaks = int | Mapping[str, int] | None
 
 @dataclass(frozen=True, kw_only=True)
 class MeasuredSwings:
-    """All swings of a body and their axis inertias, and figures of merit, lines and findings by mount."""
+    """All swings of a body and their axis inertias, and figures of merit, lines and findings by mount.
+
+    `example` is the first recorded swing with its fit, to be drawn; None without one.
+    """
 
     rig: Rig
     around: Surroundings
@@ -44,6 +48,7 @@ class MeasuredSwings:
     lines: tuple[str | Dependent, ...]
     found: tuple[tuple[str, Finding], ...]
     records: tuple[AxisRecord, ...]
+    example: tuple[str, FreeSwing, SwingFit] | None = None
 
     @property
     def mounts(self) -> list[str]:
@@ -103,6 +108,7 @@ def measure(
     hung = body_on(rig, [name for name in names if name != FIXTURE], body=body, mass=mass)
     gravity_mps2 = surroundings(rig, *gravity).gravity_mps2
     mounted, merits, lines, found = [], list[dict[str, Any]](), list[str | Dependent](), []
+    example: tuple[str, FreeSwing, SwingFit] | None = None
     for mount, swing in zip(names, swings, strict=True):
         if isinstance(swing, KnownInertia):
             mounted.append(MountedSwing(axis=mount, value=swing.value_kg_m2, std=swing.std_kg_m2, known=True))
@@ -113,6 +119,8 @@ def measure(
         threads = threads_of(hung.mounts.get(mount), gravity_mps2)
         window = {"peaks": peaks_on(mount, peaks), "smallest_peak_rad": smallest_peak_rad}
         fitted = estimate(swing, threads, rig.encoder, method=method, **window)
+        if example is None and fitted.window is not None and isinstance(fitted.fitted, SwingFit):
+            example = swing.name, fitted.window, fitted.fitted
         value, std = fitted.frequency
         mounted.append(replace(fitted.mounted(mount), name=swing.name))
         key = f"{gives}.{mount}"
@@ -131,6 +139,7 @@ def measure(
         lines=tuple(lines),
         found=(*found, *contradicted_axes(hung, records)),
         records=tuple(records),
+        example=example,
     )
 
 

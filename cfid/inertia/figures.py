@@ -35,6 +35,9 @@ from cfid.quantities.values import ENTRIES
 from cfid.records.result import Figures
 from cfid.records.rig_file import BodyFrame
 from cfid.swing.body import SwungBody, numbers
+from cfid.swing.estimation import SwingFit
+from cfid.swing.figures import fit_figure
+from cfid.swing.window import FreeSwing
 from cfid.units import MM
 
 Array = npt.NDArray[np.float64]
@@ -95,6 +98,14 @@ def testbody_figure(comparisons: Sequence[BodyComparison]) -> Figure:
         panel.grid(visible=False, axis="x")
     page.align_ylabels()
     return page
+
+
+def example_figures(example: tuple[str, FreeSwing, SwingFit] | None) -> Figures:
+    """Return the figure of the first swing and its fit by its file name; empty without a recorded swing."""
+    if example is None:
+        return {}
+    name, swing, fit = example
+    return {"inertia_swing": fit_figure(swing, fit, title=f"Swing and its fit: {name}")}
 
 
 def rig_figures(body: SwungBody, axes: Sequence[str], frame: BodyFrame) -> Figures:

@@ -89,11 +89,15 @@ def fit(
     ]
 
     def drawings() -> Figures:
-        from cfid.inertia.figures import budget_figure, rig_figures
+        from cfid.inertia.figures import budget_figure, example_figures, rig_figures
 
         if matrix is None:
             return {}
-        return {"inertia": budget_figure(matrix, axes=names), **rig_figures(axes.body, names, rig.vehicle.body_frame)}
+        return {
+            "inertia": budget_figure(matrix, axes=names),
+            **example_figures(measured.example),
+            **rig_figures(axes.body, names, rig.vehicle.body_frame),
+        }
 
     return Result(
         command="fit inertia",

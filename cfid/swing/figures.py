@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.gridspec import GridSpec
 from matplotlib.transforms import ScaledTranslation
 
 from cfid.counted import counted
@@ -54,17 +55,19 @@ def swing_figure(swing: FreeSwing, fit: SwingFit, *, title: str) -> Figure:
     page, grid = figure(
         4, 2, heights_in=heights_in, title=title, rejections=rejected, notes=texts(fit.findings, "note", "warning")
     )
-    time, residual = swing.hands_off[0], fit.output_error.residual_rad
-    per_s = fit.output_error.setup.gyro_per_s or 1.0
-    reading = per_s * (residual + fit.predicted_rad)
     _draw_recording(page.add_subplot(grid[0, :]), swing)
-    shown = pieces(page, grid, 1, time, period_s=swing.period_s)
-    quantity = _DEGREES if swing.rate_rad_per_s is None else _RATE
-    fitted = per_s * fit.predicted_rad
-    _draw_overlay(shown, time, reading, fitted, title="(b) fit in the window", quantity=quantity)
-    _draw_residual(page.add_subplot(grid[2, :]), time, residual, title="(c) record less fit")
+    _draw_fit(page, grid, 1, swing, fit, titles=("(b) fit in the window", "(c) record less fit"))
     _draw_autocorrelation(page.add_subplot(grid[3, 0]), swing, fit)
     words(page.add_subplot(grid[3, 1]), "what was found", _found(fit), red=() if fit.accepted else (_ACCEPTED,))
+    page.align_ylabels()
+    return page
+
+
+@styled
+def fit_figure(swing: FreeSwing, fit: SwingFit, *, title: str) -> Figure:
+    """Return the recorded angle of one swing with its fit, and the residual."""
+    page, grid = figure(2, 2, heights_in=(1.85, 1.1), title=title)
+    _draw_fit(page, grid, 0, swing, fit, titles=("(a) fit", "(b) record less fit"))
     page.align_ylabels()
     return page
 
@@ -133,6 +136,19 @@ def _draw_recording(axes: Axes, swing: FreeSwing) -> None:
         axes.plot(begin, gone, color=INK, marker="x", ms=5, mew=1.4, ls="", label="hand gone")
     axes.margins(y=0.13)
     legend(axes)
+
+
+def _draw_fit(
+    page: Figure, grid: GridSpec, row: int, swing: FreeSwing, fit: SwingFit, *, titles: tuple[str, str]
+) -> None:
+    """Draw a fit over its recording into one row of a grid with two columns, and the residual into the next."""
+    time, residual = swing.hands_off[0], fit.output_error.residual_rad
+    per_s = fit.output_error.setup.gyro_per_s or 1.0
+    reading = per_s * (residual + fit.predicted_rad)
+    quantity = _DEGREES if swing.rate_rad_per_s is None else _RATE
+    shown = pieces(page, grid, row, time, period_s=swing.period_s)
+    _draw_overlay(shown, time, reading, per_s * fit.predicted_rad, title=titles[0], quantity=quantity)
+    _draw_residual(page.add_subplot(grid[row + 1, :]), time, residual, title=titles[1])
 
 
 def _draw_overlay(
