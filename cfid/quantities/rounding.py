@@ -13,7 +13,7 @@ def value_and_std(value: Any, std: Any) -> tuple[str, str]:
         return ("-" if value is None else str(value)), "-"
     known = isinstance(std, int | float) and math.isfinite(std) and std > 0
     if not known or not math.isfinite(value):
-        return f"{value:.{_DIGITS}g}", "-"
+        return f"{value + 0.0:.{_DIGITS}g}", "-"  # a sum with zero has no negative zero
     last_place = _place(float(f"{std:.1e}")) - 1  # the second digit after rounding: of 0.0996, that of 0.10
     return _rounded(value, last_place, max(abs(value), std)), _rounded(std, last_place, std)
 
