@@ -27,7 +27,10 @@ _HIGHEST_V = 10.0  # of a motor: two cells
 
 
 class _Pair(NamedTuple):
-    """Two values of one property, each with the name of its experiment; the first may exceed the second `at_least`."""
+    """Two values of one property, each with the name of its experiment.
+
+    Where the first is `at_least` as large as the second, it may exceed it.
+    """
 
     title: str
     unit: str
@@ -55,16 +58,17 @@ def _pairs(values: Values) -> Iterator[_Pair]:
         first = f"{tf}, {series}" if series else tf
         yield _Pair(per_command, unit_of(key), (first, _number(values, key)), (thrust_map, slope))
     vehicle = values.rig.vehicle
-    held = "cfid fit thrust, four motors at full command", _number(values, "motor.hover_mass_kg")
-    weighed = "rig.toml", measured(vehicle.mass_kg, vehicle.mass_std_kg)
-    yield _Pair("Mass held, at least that weighed", "kg", held, weighed, at_least=True)
+    held = thrust_map, _number(values, "motor.hover_mass_kg")
+    weighed = "weighing (rig.toml)", measured(vehicle.mass_kg, vehicle.mass_std_kg)
+    yield _Pair("Mass held by four motors at full command", "kg", held, weighed, at_least=True)
     yield from _power(values)
-    scales = "scales over map", _scales_over_map(values)
-    yield _Pair("Thrust by scales over the thrust map", "1", scales, ("agreement", measured(1.0, 0.0)))
+    scales = "cfid fit thrust --verify", _scales_over_map(values)
+    yield _Pair("Thrust by scales over the thrust map", "1", scales, ("definition", measured(1.0, 0.0)))
     # A sine yields a mean of spinning up and down.
-    yield _Pair(lag, "s", ("cfid fit dynamics, mean of steps", _mean_of_steps(values)), (tf, sines))
-    pings, crossings = ("cfid tf latency", _number(values, "latency.clock_skew")), (f"{tf}, crossings", _skew(values))
-    yield _Pair("Rate of the vehicle's clock, less one", "1", pings, crossings)
+    yield _Pair(lag, "s", ("the mean of steps of cfid fit dynamics", _mean_of_steps(values)), (tf, sines))
+    pings, crossings = _number(values, "latency.clock_skew"), _skew(values)
+    by_pings, by_crossings = ("cfid tf latency", pings), (f"the crossings of {tf}", crossings)
+    yield _Pair("Rate of the vehicle's clock, relative error", "1", by_pings, by_crossings)
     for mounts in combinations(values.rig.mounts, 2):
         if _are_parallel(values, *mounts):
             near, far = ((f"mount {mount}", _number(values, f"inertia.centre_kg_m2.{mount}")) for mount in mounts)
@@ -155,8 +159,8 @@ def _power(values: Values) -> Iterator[_Pair]:
         air_kg_per_m3 = measured(_AIR_KG_PER_M3, _AIR_KG_PER_M3 * _AIR_STD)
         ideal_w = thrust_n**1.5 / (2 * air_kg_per_m3 * math.pi * radius_m**2) ** 0.5
         first = "cfid fit torque times cfid fit speed", _at(torque, thrust_n.nominal_value) * speed_rad_s
-        second = f"the thrust by a rotor of {1e3 * radius_m:.3g} mm", ideal_w
-        yield _Pair(f"Power of a rotor at {MIDDLE:.0f}, at least an ideal one's", "W", first, second, at_least=True)
+        second = f"an ideal rotor of {1e3 * radius_m:.3g} mm with this thrust", ideal_w
+        yield _Pair(f"Power of a rotor at command {MIDDLE:.0f}", "W", first, second, at_least=True)
 
 
 def _scales_over_map(values: Values) -> UFloat | None:

@@ -16,6 +16,7 @@ _PLAIN = (1e-1, 1e4)  # sizes that need no power of ten
 _SMALLEST = 1e-5  # of a number after scaling by its power of ten
 _MILLI = -3
 _THOUSANDTHS = {"kg": "g", "kg/s": "g/s", "s": "ms", "m": "mm", "N": "mN", "Nm": "mNm", "N m": "mN m"}
+_MOST_COLUMNS = 10  # of a table on a page
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -95,8 +96,11 @@ def summary_grid(summary: Content) -> Grid:
 
 
 def table_grid(table: Content) -> Grid:
-    """Return a fit's table as text."""
-    return Grid(table["columns"], [[cell_text(cell) for cell in row] for row in table["rows"]])
+    """Return a fit's table as text; one with many columns and fewer rows has its columns as rows."""
+    table_rows = [list(table["columns"]), *([cell_text(cell) for cell in row] for row in table["rows"])]
+    if len(table["columns"]) > max(_MOST_COLUMNS, len(table["rows"])):
+        table_rows = [list(row) for row in zip(*table_rows, strict=True)]
+    return Grid(table_rows[0], table_rows[1:])
 
 
 def verdict_grid(experiments: Iterable[Content]) -> Grid:
@@ -110,7 +114,7 @@ def verdict_grid(experiments: Iterable[Content]) -> Grid:
         )
         for experiment in experiments
     ]
-    return Grid(("", "fitted", "", "left out, and to be known"), rows)
+    return Grid(("", "fitted", "", "findings"), rows)
 
 
 def repeat_grid(repeat: Content) -> Grid:
@@ -124,35 +128,41 @@ def repeat_grid(repeat: Content) -> Grid:
         rows.append(
             (
                 quantity["quantity"],
+                cell_text(quantity["agrees"]),
                 with_power(quantity["unit"], power),
                 *(plus_minus(reading["value"], reading["std"], power) for reading in readings),
                 plus_minus(quantity["mean"], quantity["mean_std"], power),
                 plus_minus(quantity["drift"], quantity["drift_std"], power),
                 f"{quantity['chi_squared']:.1f} of {quantity['freedom']}" if is_tested else "",
                 f"{100 * quantity['probability']:.2g} %" if is_tested else "",
-                cell_text(quantity["agrees"]),
             )
         )
-    return Grid(("", "unit", *made, "mean", "drift", "χ²", "by chance", "agree"), rows)
+    return Grid(("", "agree", "unit", *made, "mean", "drift", "χ²", "by chance"), rows)
 
 
-def agreement_grid(agreements: Iterable[Content]) -> Grid:
-    """Return properties as found by two experiments each, with the difference over its joint uncertainty."""
-    rows = []
-    for pair in agreements:
-        power = power_of_ten([pair["first_value"], pair["second_value"]])
-        rows.append(
-            (
-                pair["title"],
-                f"{plus_minus(pair['first_value'], pair['first_std'], power)} ({pair['first']})",
-                f"{plus_minus(pair['second_value'], pair['second_std'], power)} ({pair['second']})",
-                with_power(pair["unit"], power),
-                plus_minus(pair["difference"], pair["difference_std"], power),
-                f"{pair['in_std']:+.1f}",
-                ("yes, may exceed it" if pair["at_least"] else "yes") if pair["agrees"] else "no",
-            )
-        )
-    return Grid(("", "first", "second", "unit", "difference", "over its std", "agree"), rows)
+def agreement_verdict(pair: Content) -> str:
+    """Return whether two experiments agree on a property, in one word."""
+    return "agree" if pair["agrees"] else "disagree"
+
+
+def agreement_text(pair: Content) -> str:
+    """Return a property as found by two experiments, with their distance, or which of the two is a lower limit."""
+    power = power_of_ten([pair["first_value"], pair["second_value"]])
+    unit = with_power(pair["unit"], power)
+    first, second = (
+        f"{_with_unit(plus_minus(pair[f'{which}_value'], pair[f'{which}_std'], power), unit)} by {pair[which]}"
+        for which in ("first", "second")
+    )
+    if pair["at_least"]:
+        return f"{pair['title']}: {first}; it has to be at least {second}"
+    return f"{pair['title']}: {first}, {second}, {abs(pair['in_std']):.1f} standard uncertainties apart"
+
+
+def _with_unit(number: str, unit: str) -> str:
+    """Return a number with its unit; a power of ten multiplies value and uncertainty."""
+    if unit.startswith("10"):
+        return f"({number})·{unit}" if "±" in number else f"{number}·{unit}"
+    return f"{number} {unit}".rstrip()
 
 
 def comparison_grid(comparison: Content, sources: Mapping[str, int]) -> Grid:
@@ -277,13 +287,15 @@ def cell_text(value: Any) -> str:
         return _typeset(str(value))
     if isinstance(value, float):
         return _number(value, 5) if math.isfinite(value) else ""
+    if isinstance(value, Mapping):
+        value = [f"{name} {cell_text(item)}" for name, item in value.items()]
     if isinstance(value, list | tuple):
         return ", ".join(cell_text(item) for item in value)
     return str(value)
 
 
 def _number(value: float, digits: int) -> str:
-    return _typeset(f"{value:.{digits}g}")
+    return _typeset(f"{value + 0.0:.{digits}g}")  # a sum with zero has no negative zero
 
 
 def _typeset(number: str) -> str:

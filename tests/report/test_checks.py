@@ -8,6 +8,7 @@ import pytest
 
 from cfid.records.campaign import Campaign, open_campaign
 from cfid.records.parameters import Parameter
+from cfid.report.texts import agreement_text
 from tests.lab import new_campaign
 from tests.report.fits_by_hand import put, report_of
 
@@ -188,3 +189,15 @@ def test_time_constants_of_flights_are_compared_with_sines_and_with_steps_up_and
     assert (up["agrees"], up["second_value"]) == (True, pytest.approx(0.05))
     assert (down["agrees"], down["second_value"]) == (False, pytest.approx(0.07))
     assert [pair["first"] for pair in compared(campaign, "Time constant of motor")][-1] == "cfid fit flight"
+
+
+def test_a_sentence_has_both_values_and_a_lower_limit_no_distance(campaign: Campaign) -> None:
+    thrust(campaign, held_kg=0.06)
+    tf(campaign, gain=SLOPE)
+    (slope,), (held,) = compared(campaign, "Thrust per command"), compared(campaign, "Mass held")
+
+    assert "(2.311 ± 0.020)·10⁻⁶ N" in agreement_text(slope)
+    assert "0.0 standard uncertainties apart" in agreement_text(slope)
+    assert "60.0 ± 1.0 g" in agreement_text(held)
+    assert "at least 28.000 ± 0.030 g" in agreement_text(held)
+    assert "apart" not in agreement_text(held)

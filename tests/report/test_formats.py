@@ -76,7 +76,7 @@ def test_every_format_has_the_sheet_the_verdicts_and_the_published_values(campai
         assert number in text, number
     if form == "html":  # a rejected quantity does not count as known
         entries = [entry for group in report_of(campaign)["sheet"] for entry in group["quantities"]]
-        assert f"{len(entries) - 1} of {len(entries)} quantities known" in text
+        assert f"{len(entries) - 1} of {len(entries)} quantities of the sheet known" in text
 
 
 def test_json_is_one_object_of_plain_numbers(campaign: Campaign) -> None:
@@ -119,6 +119,8 @@ def test_the_tex_sheet_compiles(campaign: Campaign, tmp_path: Path) -> None:
         (1795287566.25, 0.0012, ("1795287566.2500", "0.0012")),
         (3e8, 2e6, ("3.000e+08", "2.0e+06")),
         (0.02, None, ("0.02", "-")),
+        (-0.0, None, ("0", "-")),
+        (-1e-9, 36.0, ("0", "36")),
         (None, 1.0, ("-", "-")),
         (float("nan"), 1.0, ("nan", "-")),
     ],
