@@ -33,6 +33,7 @@ class _Part(NamedTuple):
     keys: tuple[str, ...]
     equation: str = ""
     title: str = ""
+    model: str = ""  # of drag
 
 
 _TF_KEYS = ("numerator", "denominator", "sample_time_s", "time_constant_s", "static_gain_n", "delay_s")
@@ -47,14 +48,15 @@ _SHEET = (
         "H(z) = (n_0 + n_1 z⁻¹ + …) / (1 + d_1 z⁻¹ + …)",
         "Command to thrust, one motor",
     ),
-    _Part("Drag", ("drag.simple_kg_per_rad",), "f = diag(K) Σω v"),
+    _Part("Drag", ("drag.simple_kg_per_rad",), "f = diag(K) Σω v", model="simple"),
     _Part(
         "Drag",
         tuple(f"drag.complex.k{i}" for i in range(1, 7)),
         "f = K1 Σω v + K2 v² + K3 (Σω)² + K4 v + K5 Σω + K6, axis by axis",
         "Complex model",
+        "complex",
     ),
-    _Part("Drag", ("drag.cross_coupling_kg_per_rad",), "f = K Σω v"),
+    _Part("Drag", ("drag.cross_coupling_kg_per_rad",), "f = K Σω v", model="cross"),
 )
 
 
@@ -77,23 +79,26 @@ _MAIN = (
     _Main("Viscous friction of the axis", "friction.viscous_nms_per_rad", 0, 1e6, "10⁻⁶ N m s/rad"),
     _Main("Largest thrust of one motor", "motor.max_thrust_n", 0, 1e3, "mN"),
     _Main("Mass that hovers at most", "motor.hover_mass_kg", 0, 1e3, "g"),
-    _Main(f"Rotor speed at command {MIDDLE:.0f}", "motor.speed_poly", None, 1.0, "rad/s"),
-    _Main("Torque over thrust of a rotor, in hover", "motor.torque_poly", None, 1e3, "mN m/N"),
-    _Main("Time constant of motor and rotor", "tf.time_constant_s", 0, 1e3, "ms"),
+    _Main(f"Speed at command {MIDDLE:.0f}", "motor.speed_poly", None, 1.0, "rad/s"),
+    _Main("Torque over thrust, in hover", "motor.torque_poly", None, 1e3, "mN m/N"),
+    _Main("Time constant of a motor", "tf.time_constant_s", 0, 1e3, "ms"),
     _Main("Round trip to the vehicle", "latency.rtt_mean_s", 0, 1e3, "ms"),
-    *(
-        _Main(f"Drag along {axis}, over speeds of rotors and wind", "drag.simple_kg_per_rad", i, 1e6, "10⁻⁶ kg/rad")
-        for i, axis in enumerate("xyz")
-    ),
+    *(_Main(f"Drag along {axis}", "drag.simple_kg_per_rad", i, 1e6, "10⁻⁶ kg/rad") for i, axis in enumerate("xyz")),
 )
 
 
 def sheet_of(values: Values, *, wanted: Collection[str]) -> list[Content]:
-    """Return the groups of the sheet; missing quantities are listed only for the `wanted` kinds of fit."""
+    """Return the groups of the sheet; missing quantities are listed only for the `wanted` kinds of fit.
+
+    Of the models of drag, only the one that the fit chose is listed.
+    """
     vehicle, mass = values.rig.vehicle, registered("mass_kg")
     rows = [_row(mass.symbol, vehicle.mass_kg, vehicle.mass_std_kg or None, mass.unit)]
     groups = {"Inertia": [_entry(["vehicle.mass_kg"], "Mass", rows, _stated("as rig.toml states", None))]}
+    chosen = values.in_force["drag"].quality.get("chosen") if "drag" in values.in_force else None
     for part in _SHEET:
+        if part.model and chosen not in (None, part.model):
+            continue
         if registered(part.keys[0]).section in wanted or any(values.find(key) for key in part.keys):
             groups.setdefault(part.group, []).append(_fitted(values, part))
     for value in values:

@@ -113,3 +113,10 @@ def test_terms_of_a_complex_model_that_are_consistent_with_zero_are_named(campai
     assert entry(campaign, "drag.complex.k1")["zeros"].partition(": ")[2] == f"{names}."
     for form in ("html", "md", "tex"):
         assert names in rendered(report_of(campaign), form, campaign.folder).replace("\\", "")
+
+
+def test_of_the_models_of_drag_only_the_chosen_one_is_listed(campaign: Campaign) -> None:
+    models = APPENDIX_A["drag"]
+    for chosen, listed in (("simple", ["drag.simple_kg_per_rad"]), ("cross", ["drag.cross_coupling_kg_per_rad"])):
+        put(campaign, "drag", models, quality={"chosen": chosen})
+        assert [key for each in entries(campaign) for key in each["keys"] if key.startswith("drag.")] == listed

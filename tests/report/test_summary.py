@@ -71,9 +71,9 @@ def test_numbers_are_in_plain_units_with_their_relative_uncertainty() -> None:
     assert shown["Arm"] == ("50.0 ± 1.0 mm", "2 %")  # the value set by hand, not that of rig.toml
     assert shown["Largest thrust of one motor"] == ("168.3 ± 1.1 mN", "0.65 %")
     assert shown["Inertia about x"][0] == "(16.420 ± 0.024)·10⁻⁶ kg m²"
-    assert shown["Torque over thrust of a rotor, in hover"] == ("6.00 ± 0.10 mN m/N", "1.7 %")
-    assert shown["Rotor speed at command 30000"] == ("1600.0 ± 2.0 rad/s", "0.12 %")
-    assert shown["Drag along y, over speeds of rotors and wind"] == ("(-0.800 ± 0.026)·10⁻⁶ kg/rad", "3.2 %")
+    assert shown["Torque over thrust, in hover"] == ("6.00 ± 0.10 mN m/N", "1.7 %")
+    assert shown["Speed at command 30000"] == ("1600.0 ± 2.0 rad/s", "0.12 %")
+    assert shown["Drag along y"] == ("(-0.800 ± 0.026)·10⁻⁶ kg/rad", "3.2 %")
     assert shown["Viscous friction of the axis"][1] == "consistent with zero"
     assert "Round trip to the vehicle" not in shown
     assert (percent(3.2), percent(0.0032), percent(None)) == ("320 %", "0.32 %", "-")
@@ -84,7 +84,7 @@ def test_the_uncertainty_of_a_speed_considers_that_coefficients_move_together() 
     together = covariance_between(values, np.outer([1e-4, -3.0], [1e-4, -3.0]))  # the line turns about command 30000
     line = section(motor__speed_poly=Parameter(value=[0.04, 400.0], std=[1e-4, 3.0]))
 
-    assert numbers(replace(line, covariance=together))["Rotor speed at command 30000"] == ("1600 rad/s", "")
+    assert numbers(replace(line, covariance=together))["Speed at command 30000"] == ("1600 rad/s", "")
 
 
 @pytest.mark.parametrize(
