@@ -27,6 +27,12 @@ Format = Literal["html", "md", "json", "tex"]
 LARGEST_SVG_BYTES = 400_000  # of a larger figure, its PNG is embedded, which a browser draws faster
 _LARGEST_BYTES = 20_000_000  # larger figures are not embedded at all
 _KINDS = {".svg": "image/svg+xml", ".png": "image/png"}
+_FIRST = {  # the figures of the first screen by the end of their names, with their captions
+    "_swing": "One swing and its fit",
+    "fit_thrust": "Thrust over command",
+    "tf_step": "Thrust after a step of the command",
+    "drag_models": "Drag force over the rotors' speed",
+}
 _INDEX = re.compile(r"\b([^\W\d_]\d?)_(\w+)")
 _POWER = re.compile(r"\^(\w+)")
 _BRACKETS = re.compile(r" \(([^()]+)\)$")
@@ -158,20 +164,27 @@ def _aside(text: str) -> Markup:
 
 
 def _figures(experiments: Sequence[Mapping[str, Any]], folder: Path) -> list[list[dict[str, Any]]]:
-    """Return the figures of each experiment: name, embedded content ("" if none), `before`.
+    """Return the figures of each experiment: name, embedded content ("" if none), `first`, `before`.
 
-    If two experiments drew the same figure, such as that of a recording they share, it is shown once: `before` is the
-    place of the experiment that shows it, else None.
+    A figure is shown once: on the first screen if `first` is its caption there, else with the experiment at the place
+    `before`, which drew the same figure, such as that of a recording they share, else, if that is None, with its own.
     """
-    shown: dict[str, int] = {}
+    captions, shown = dict(_FIRST), dict[str, int]()
     figures: list[list[dict[str, Any]]] = []
     for place, experiment in enumerate(experiments):
         figures.append([])
         for stem in stems_of(experiment["figures"]):
-            content = _embedded(folder, stem)
+            content, name = _embedded(folder, stem), Path(stem).name
             before = shown.setdefault(content, place) if content else place
-            name = Path(stem).name.replace("_", " ")
-            figures[-1].append({"name": name, "content": content, "before": None if before == place else before})
+            ending = next((ending for ending in captions if content and name.endswith(ending)), "")
+            figures[-1].append(
+                {
+                    "name": name.replace("_", " "),
+                    "content": content,
+                    "first": captions.pop(ending, ""),
+                    "before": None if before == place else before,
+                }
+            )
     return figures
 
 

@@ -126,7 +126,7 @@ def thesis_bode_figure(each: Mapping[str, ThesisFit], joint: ThesisFit) -> Figur
 @styled
 def step_figure(fit: TransferFit, *, thesis: ThesisFit | None = None) -> Figure:
     """Return the thrust after a step of one unit of the command, without delay, with its 95 % interval."""
-    page, grid = figure(2, 1, heights_in=(KEY_IN, 3.2), title="Step of the command", rejections=())
+    page, grid = figure(2, 1, heights_in=(KEY_IN, 2.7), title="Step of the command", rejections=())
     axes = page.add_subplot(grid[1, 0])
     name_panel(axes, "thrust after a step", x="time since the step (ms)", y="thrust over command (µN)")
     time_s = np.linspace(-0.3, _LAGS, _CURVE) * fit.time_constant_s

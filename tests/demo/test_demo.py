@@ -92,7 +92,7 @@ def test_a_demo_measures_everything_hands_it_on_and_is_never_mixed_with_another(
     if BROWSER is not None:
         report = (folder / "report.html").read_text()
         seen = look_at(report, tmp_path, widths_px=(1280,), dark=False)[1280]
-        assert seen.summary_px < 880, "the first screen does not fit 1280 x 900 pixels"
+        assert seen.cut == ()
 
     before = (folder / "parameters.toml").read_bytes()
     again = subprocess.run(command(folder, "--seed", 2), capture_output=True, text=True, check=False)

@@ -29,8 +29,8 @@ class Look:
     """The behaviour of a page: `requests` are the paths that it requested, `said` its lines on the console.
 
     `figures` have their natural width, shown width and place; `overflow_px` is the excess of the page's width over its
-    frame; `summary_px` is the end of its first screen; `faint` are texts whose contrast with their background is
-    below 4.5; `cut` are tables that are wider than their place, with all details unfolded.
+    frame; `pictures_px` is the end of the pictures of its first screen, 0 without any; `faint` are texts whose contrast
+    with their background is below 4.5; `cut` are elements with wider content than themselves, all details unfolded.
     """
 
     requests: tuple[str, ...]
@@ -40,7 +40,7 @@ class Look:
     background: str
     faint: tuple[str, ...]
     cut: tuple[str, ...]
-    summary_px: float
+    pictures_px: float
 
 
 def look_at(page: str, folder: Path, *, widths_px: Sequence[int], dark: bool) -> dict[int, Look]:
@@ -66,7 +66,7 @@ def look_at(page: str, folder: Path, *, widths_px: Sequence[int], dark: bool) ->
             background=content["background"],
             faint=tuple(content["faint"]),
             cut=tuple(content["cut"]),
-            summary_px=content["summary_px"],
+            pictures_px=content["pictures_px"],
         )
         for width, content in zip(widths_px, json.loads(html.unescape(seen[1])), strict=True)
     }

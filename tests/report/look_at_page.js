@@ -34,16 +34,17 @@ async function look(frame) {
     const box = image.getBoundingClientRect();
     return { name: image.alt, natural_px: image.naturalWidth, shown_px: box.width, height_px: box.height, left_px: box.left };
   });
-  const summary_px = page.querySelector("#summary").getBoundingClientRect().bottom;
+  const pictures = page.querySelector("#pictures");
+  const pictures_px = pictures ? pictures.getBoundingClientRect().bottom : 0;
   page.querySelectorAll("details").forEach((folded) => (folded.open = true));
-  const cut = [...page.querySelectorAll("table")]
-    .filter((table) => table.parentElement.scrollWidth > table.parentElement.clientWidth)
-    .map((table) => `${table.className}: ${table.textContent.trim().slice(0, 40)}`);
+  const cut = [...page.body.querySelectorAll("*")]
+    .filter((element) => element.clientWidth > 0 && element.scrollWidth > element.clientWidth + 1)
+    .map((element) => `${element.tagName} ${element.className}: ${element.textContent.trim().slice(0, 40)}`);
   return {
     figures,
     faint,
     cut,
-    summary_px,
+    pictures_px,
     overflow_px: page.documentElement.scrollWidth - page.documentElement.clientWidth,
     background: view.getComputedStyle(page.body).backgroundColor,
     resources: view.performance.getEntriesByType("resource").map((entry) => entry.name).filter((name) => !name.startsWith("data:")),
