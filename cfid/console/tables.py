@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from cfid.console.messages import echo, printable
 from cfid.quantities.rounding import with_std
-from cfid.quantities.values import Number
+from cfid.quantities.values import Number, units_of
 from cfid.records.parameters import Parameter
 
 
@@ -13,11 +13,11 @@ def print_parameters(parameters: Mapping[str, Parameter], *, title: str) -> None
 
     Lists of rows have no line: commands print them. Nothing is printed if all parameters are lists of rows.
     """
-    rows = [
-        (number.name, with_std(number.value, number.std), parameter.unit, _relative(number))
-        for name, parameter in parameters.items()
-        for number in parameter.numbers(name)
-    ]
+    rows = []
+    for name, parameter in parameters.items():
+        numbers = list(parameter.numbers(name))
+        for number, unit in zip(numbers, units_of(name, parameter.unit, len(numbers)), strict=True):
+            rows.append((number.name, with_std(number.value, number.std), unit, _relative(number)))
     if not rows:
         return
     echo(title)

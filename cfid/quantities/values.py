@@ -78,6 +78,15 @@ def coefficient_units(key: str, count: int) -> list[str]:
     return units if found.lowest_first else units[::-1]
 
 
+def units_of(key: str, unit: str, count: int) -> list[str]:
+    """Return the unit of each of a quantity's numbers (count,), which for a polynomial differ from the quantity's."""
+    quantity = find(key)
+    if quantity is not None and quantity.shape is Shape.POLYNOMIAL and unit == quantity.unit:
+        return coefficient_units(key, count)
+    units = unit.split(", ")
+    return units if len(units) == count else [unit] * count
+
+
 def shape_error(key: str, value: Any, std: Any) -> str:
     """Return what is wrong with the shape of a value from a file, "" where nothing is; `std` may be None.
 
@@ -129,6 +138,7 @@ def _over(of: str, over: str, power: int) -> str:
         return ("N m", "m", "m/N")[power] if power < 3 else f"N m/N^{power}"
     if power == 0 or over == "z^-1":  # z has no unit
         return of
+    over = f"({over})" if "/" in over else over
     return f"{of}/{over}" if power == 1 else f"{of}/{over}^{power}"
 
 
