@@ -124,7 +124,6 @@ def fit(runs: Sequence[PingRecord | Run | Path | str]) -> Result:
         findings.append(rejection("clock-stamps-too-few", str(error), "latency.clock_*"))
     return Result(
         command="tf latency",
-        prints_lines=True,
         section="latency",
         method="default",
         quantities={**_trip_quantities(trips), **({} if clock is None else clock.quantities)},
