@@ -19,12 +19,10 @@ from cfid.console.outcome import Delivery, deliver
 from cfid.console.recording import Resume, ResumedRun, rig_of, run_to_resume
 from cfid.console.selection import chosen, interrupted
 from cfid.console.vehicle import CellRateHz, NoPreflight, Uri
-from cfid.counted import counted
 from cfid.drag.plan import (
     FASTEST_MPS,
     HIGHEST_DEG,
     KIND,
-    WHOLE,
     WindSetting,
     missing_lines,
     missing_runs,
@@ -150,7 +148,7 @@ def wind(
         question="RPM at command {command}, Enter for none" if asks else None,
         calm=setting.is_reference,
         requested=setting.to_run(),
-        found=lambda run: _missing(_recorded(campaign, simulated=simulated)),
+        found=lambda run: (_missing(_recorded(campaign, simulated=simulated)), ()),
     )
     record_forces(recording, rate_hz=rate_hz)
 
@@ -209,15 +207,9 @@ def _announce(setting: "WindSetting", staircase: "StaircasePlan", done: "Sequenc
         echo(fitted(line))
 
 
-def _missing(done: "Sequence[PlannedRun]") -> tuple[Mapping[str, Any], Sequence[str]]:
-    """Return the thesis' runs that the campaign lacks, as for --json, and lines on incomplete wind settings."""
-    left = {"value": len(missing_runs(done)), "std": None, "unit": "1"}
-    lines = missing_lines(done)
-    begun = [line for line in lines if not line.endswith(WHOLE)]
-    others = (
-        [f"  {counted(len(lines) - len(begun), 'wind')} more: --dry-run lists them"] if len(lines) > len(begun) else []
-    )
-    return {"wind.missing_runs": left}, [*begun, *others]
+def _missing(done: "Sequence[PlannedRun]") -> Mapping[str, Any]:
+    """Return how many of the thesis' runs the campaign lacks, as for --json."""
+    return {"wind.missing_runs": {"value": len(missing_runs(done)), "std": None, "unit": "1"}}
 
 
 def _recorded(campaign: "Campaign", *, simulated: bool) -> "list[PlannedRun]":

@@ -15,7 +15,6 @@ from cfid.records.run import Run, list_runs
 KIND = "wind"
 HIGHEST_DEG = 180.0  # of the wind generator to the vertical: directly below
 FASTEST_MPS = 100.0  # a faster wind is in another unit
-WHOLE = "all commands"  # ends the line of a wind setting without any run
 THESIS_COMMANDS = (0, 10000, 20000, 30000, 37300, 40000, 50000)
 
 
@@ -112,11 +111,11 @@ def missing_lines(done: Sequence[PlannedRun]) -> list[str]:
     plan, left = thesis_plan(), missing_runs(done)
     if not left:
         return [f"all {len(plan)} runs of the thesis' plan are recorded."]
-    lines = [f"of the thesis' {len(plan)} runs {len(plan) - len(left)} are recorded, missing are:"]
+    lines = [f"{len(plan) - len(left)} of {len(plan)} runs of the thesis' plan are recorded. Missing:"]
     for angle_deg, fan_v in dict.fromkeys((run.angle_deg, run.fan_v) for run in left):
         commands = tuple(run.command for run in left if (run.angle_deg, run.fan_v) == (angle_deg, fan_v))
         where = "no wind" if angle_deg is None else f"{angle_deg:g} deg, {fan_v:g} V"
-        lines.append(f"  {where:15} {WHOLE if commands == THESIS_COMMANDS else ', '.join(map(str, commands))}")
+        lines.append(f"  {where:15} {'all commands' if commands == THESIS_COMMANDS else ', '.join(map(str, commands))}")
     return lines
 
 

@@ -37,7 +37,7 @@ def test_the_plan_is_that_of_section_4_4_2_and_missing_runs_are_a_line_a_setting
     assert missing_runs([*plan, another, plan[0]]) == ()
     assert missing_runs([plan[5], plan[0], plan[0], another], plan[:7]) == (*plan[1:5], plan[6])
     assert missing_lines([*plan[:7], plan[8], *plan[14:]]) == [
-        "of the thesis' 112 runs 106 are recorded, missing are:",
+        "106 of 112 runs of the thesis' plan are recorded. Missing:",
         "  0 deg, 5 V      0, 20000, 30000, 37300, 40000, 50000",
     ]
 
