@@ -68,8 +68,8 @@ def reach(uri: str | None, rig: Rig, held: ExitStack) -> "ReadyVehicle":
         note("if the link is lost, nothing stops the motors of this firmware: keep the battery within reach.")
     if setting.stop_below_v is not None and not vehicle.reports_battery:
         note("the vehicle does not report its battery's voltage: stop_below_v of rig.toml has no effect.")
-    if vehicle.state is not None:
-        note(f"its supervisor: {vehicle.state.name}{'; ' + vehicle.state.remedy if vehicle.state.remedy else ''}.")
+    if vehicle.state is not None and vehicle.state.remedy:
+        note(f"the vehicle is {vehicle.state.name}: {vehicle.state.remedy}.")
     if runs_app and not vehicle.firmware.knows_owners:
         note("the app on it is older than this cfid: another program's keep-alives prolong commands there. Flash it.")
     return vehicle

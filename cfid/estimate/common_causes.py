@@ -239,7 +239,7 @@ def _lines(result: Result, common: Mapping[str, Mapping[str, Array]]) -> list[De
         parts = {key: _percent(moved[key], result.quantities[key].value, key) for key in wanted if key in moved}
         if parts:
             lines.append(Dependent(f"  {name}: {', '.join(f'{key} {part}' for key, part in parts.items())}", *parts))
-    head = "causes of error that fits share, their part of the standard uncertainties:"
+    head = "systematic effects, their part of the standard uncertainties:"
     return [Dependent(head, *lines[0].quantities), *lines] if lines else []
 
 

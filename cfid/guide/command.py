@@ -118,13 +118,14 @@ def _print(state: "Status") -> None:
     for status in state.tasks:
         runs = f"{status.recorded} of {len(status.task.recordings)}"
         sure = "\n".join(percent(certainty.std) for certainty in status.found)
-        purposes = "\n".join(certainty.aim.purpose for certainty in status.found)
+        purposes = "\n".join(f"{one.aim.purpose}: {percent(one.aim.std)}" for one in status.found)
         table.add_row(status.task.section, runs, status.state, sure, purposes)
     Console().print(table)
     for sentence in state.remarks:
         echo(fitted(printable(sentence), indent=6))
     if state.beside:
-        echo(fitted(printable(f"beside the plan: {', '.join(state.beside)}: `cfid parameters` shows them."), indent=6))
+        others = f"fits that the plan does not need: {', '.join(state.beside)}. `cfid parameters` shows them."
+        echo(fitted(printable(others), indent=6))
     echo(fitted(f"next: {printable(state.next.command)}\n      {printable(state.next.why)}", indent=6))
 
 

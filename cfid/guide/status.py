@@ -98,8 +98,9 @@ class Status:
         ]
         if weak := [(certainty, task) for certainty, task in unsure if not certainty.bounded_by]:
             certainty, task = max(weak, key=lambda pair: pair[0].short_by)
-            enough = f"If it is enough: cfid {' '.join(report)}."
-            why = f"{certainty.key} is known to {percent(certainty.std)}; {certainty.aim.purpose}. {enough}"
+            aim, enough = certainty.aim, f"If it is enough: cfid {' '.join(report)}."
+            needed = f"{percent(aim.std)} is needed for {aim.purpose}"
+            why = f"{certainty.key} is known to {percent(certainty.std)}; {needed}. {enough}"
             return _recorded_next(task.recordings[-1], why)
         sure = "as sure as rig.toml allows" if unsure else "sure enough"
         return Next(words=report, why=f"everything is found, and {sure}.")

@@ -126,9 +126,8 @@ def measure(
         key = f"{gives}.{mount}"
         frequency = {"natural_frequency_squared_s2": Dependent(value, key), "std_s2": Dependent(std, key)}
         merits.append({"axis": mount, **frequency, **fitted.merits})
-        lines.append(
-            Dependent(f"{mount}: W {value:.7g} 1/s^2, {fitted.line}", key, instead=f"{mount}: rejected, {fitted.line}")
-        )
+        line = f"{mount}: natural frequency squared {value:.7g} 1/s^2, {fitted.line}"
+        lines.append(Dependent(line, key, instead=f"{mount}: rejected, {fitted.line}"))
         found += [(mount, finding) for finding in fitted.findings if finding.concerns(FREQUENCY)]
     around = surroundings(rig, *gravity, next((swing for swing in mounted if swing.axis == FIXTURE), None))
     return MeasuredSwings(

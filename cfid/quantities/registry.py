@@ -152,7 +152,7 @@ _SWING = _given(
 _FRICTION = _given(
     "friction", "`cfid fit friction`",
     Quantity("friction.viscous_nms_per_rad", "N m s/rad", "c", "viscous friction of the axis, all weights together",
-             plausible=_VISCOUS, aim=Aim(0.2, "how swings decay: 20 %")),
+             plausible=_VISCOUS, aim=Aim(0.2, "the decay of swings")),
     Quantity("friction.coulomb_nm", "N m", "M_c", "Coulomb friction of the axis", plausible=_COULOMB),
     Quantity("friction.setup_inertia_kg_m2", "kg m^2", "I_s", "inertia of what turns, without the weight",
              plausible=Range(1e-9, 1e-3, "an axle of grams")),
@@ -163,7 +163,7 @@ _MATRICES = _given(
     "inertia", "`cfid fit inertia`",
     Quantity("inertia.matrix_kg_m2", "kg m^2", "I", "inertia matrix about the centre of mass, body frame",
              Shape.MATRIX, Range(5e-7, 2e-2, "10 g to 1 kg; its second moments are positive definite", "diagonal"),
-             aim=Aim(0.03, "a rate controller's gains: 3 %")),
+             aim=Aim(0.03, "a rate controller's gains")),
     Quantity("inertia.axis_kg_m2.<axis>", "kg m^2", "I_a", "inertia about the mounting axis", plausible=_INERTIA),
     Quantity("inertia.centre_kg_m2.<axis>", "kg m^2", "I_G", "inertia about the parallel axis through the centre of "
              "mass", plausible=Range(5e-7, 2e-2, "as the matrix' diagonal")),
@@ -199,10 +199,10 @@ _MAPS = _given(
              "thrust, with its range", Shape.ROWS, columns=("thrust_min_n",)),
     Quantity("motor.max_thrust_n", "N", "f_max", "thrust of one motor at full command",
              plausible=Range(0.01, 10, "10 g that hovers to 1 kg that climbs"),
-             aim=Aim(0.03, "the limit of a mixer: 3 %")),
+             aim=Aim(0.03, "a controller's thrust limit")),
     Quantity("motor.hover_mass_kg", "kg", "m_hover", "mass that four motors hold at full command",
              plausible=Range(0.004, 4.1, "four times the largest thrust over g"),
-             aim=Aim(0.02, "the command that hovers: 2 %")),
+             aim=Aim(0.02, "the hover command")),
     Quantity("motor.thrust_voltage_poly", "N(V)", "v", "motor voltage to thrust, one motor", Shape.POLYNOMIAL,
              Range(0.005, 10, "a Crazyflie has 0.1 N", at=3.0), of="N", over="V", lowest_first=True,
              given_by="`cfid fit thrust` of runs with the battery's voltage", joint="thrust over voltage"),
@@ -219,12 +219,12 @@ _MAPS = _given(
     Quantity("motor.speed_poly", "rad/s(cmd)", "b", "input command to rotor speed", Shape.POLYNOMIAL,
              Range(300, 10000, "the thesis found 3050", at=FULL_COMMAND), of="rad/s", over="cmd",
              given_by="`cfid fit speed`, or `cfid fit dynamics` of a flight log",
-             aim=Aim(0.02, "rotors in a simulator: 2 %", at=MIDDLE)),
+             aim=Aim(0.02, "rotor speeds in a simulator", at=MIDDLE)),
 ) + _given(
     "torque", "`cfid fit torque`",
     Quantity("motor.torque_poly", "Nm(N)", "c", "thrust to torque, one motor", Shape.POLYNOMIAL,
              Range(1e-3, 0.1, "published ones have 0.005 to 0.034", "slope"), of="N m", over="N",
-             aim=Aim(0.05, "yaw in a simulator, in hover: 5 %", slope_in_hover=True)),
+             aim=Aim(0.05, "yaw in a simulator", slope_in_hover=True)),
 )  # fmt: skip
 
 _ROTORS = _given(
@@ -239,7 +239,7 @@ _ROTORS = _given(
              _SPINNING, count=2),
     Quantity("dynamics.falling", "1/s, 1/rad", "k_f", "rotor model, spinning down: linear and quadratic", Shape.LIST,
              _SPINNING, count=2),
-    Quantity("dynamics.delay_s", "s", "δ", "delay of the rotor behind its logged command", plausible=_LATE),
+    Quantity("dynamics.delay_s", "s", "δ", "delay of the rotor after its logged command", plausible=_LATE),
     Quantity("dynamics.time_constant_s", "s", "τ", "steps or rotors: time constant of each", Shape.ROWS,
              measured=("time_constant_s", "std_s", "delay_s")),
     Quantity("dynamics.map", "as named", "", "speed that each rotor follows, c0 + c1 u + c2 u^2 of a command, with std",
@@ -255,12 +255,12 @@ def _transfer(key: str, symbol: str, of: str) -> tuple[Quantity, ...]:
         Quantity(f"{key}.denominator", "1", f"d{symbol}", f"denominator{of}, with its leading 1", Shape.POLYNOMIAL,
                  of="1", over="z^-1", lowest_first=True),
         Quantity(f"{key}.time_constant_s", "s", f"τ{symbol}", f"time constant{of}", plausible=_LAG,
-                 aim=None if of else Aim(0.05, "an attitude controller's bandwidth: 5 %")),
+                 aim=None if of else Aim(0.05, "an attitude controller's bandwidth")),
         Quantity(f"{key}.static_gain_n", "N", f"K{symbol}", f"static gain{of}, per unit of the command",
                  plausible=Range(1e-8, 1e-3, "the thesis found 2.4e-6, the slope of its thrust map", "size")),
-        Quantity(f"{key}.delay_s", "s", f"δ{symbol}", f"delay{of} of the force behind its stamped command",
+        Quantity(f"{key}.delay_s", "s", f"δ{symbol}", f"delay{of} of the force after the time stamp of its command",
                  plausible=_LATE),
-        Quantity(f"{key}.delay_after_quickest_s", "s", f"δ_q{symbol}", f"the same delay{of} behind the quickest stamps",
+        Quantity(f"{key}.delay_after_quickest_s", "s", f"δ_q{symbol}", f"the same delay{of} after the quickest stamps",
                  plausible=_LATE),
     )  # fmt: skip
 
@@ -289,7 +289,7 @@ _TRANSFER = _given(
 _LATENCY = _given(
     "latency", "`cfid log ping` or `cfid tf latency`",
     Quantity("latency.rtt_mean_s", "s", "t_r", "mean round trip", plausible=_ROUND_TRIP,
-             aim=Aim(0.05, "a delay in the loop: 5 %")),
+             aim=Aim(0.05, "a controller over this link")),
     Quantity("latency.rtt_std_s", "s", "σ_r", "how far single round trips scatter",
              plausible=Range(0, 1, "as the round trip")),
     Quantity("latency.rtt_min_s", "s", "t_min", "least round trip", plausible=_ROUND_TRIP),
@@ -308,7 +308,7 @@ _TERMS = (
 _DRAGS = _given(
     "drag", "`cfid fit drag`",
     Quantity("drag.simple_kg_per_rad", "kg/rad", "K", "simple model", Shape.LIST, _DRAG, count=3,
-             aim=Aim(0.2, "a simulator at 3 m/s: 20 %")),
+             aim=Aim(0.2, "drag in a simulator at 3 m/s")),
     Quantity("drag.cross_coupling_kg_per_rad", "kg/rad", "K", "cross-coupling model", Shape.MATRIX, _CROSS_DRAG),
     *(Quantity(f"drag.complex.k{i}", unit, f"K{i}", f"complex model: times {what}", Shape.LIST, count=3)
       for i, (unit, what) in enumerate(_TERMS, 1)),

@@ -136,8 +136,9 @@ def _weakest(statuses: Sequence[TaskStatus]) -> str:
     quantity = find(worst.key)
     title = quantity.title[0].upper() + quantity.title[1:] if quantity else worst.key
     reason = f" (mostly by the {worst.mostly})" if worst.mostly else ""
-    enough = "enough for" if worst.short_by <= 1 else "too little for"
-    return f"{title} is known to {percent(worst.std)}{reason}, {enough} {worst.aim.purpose}."
+    enough = "enough" if worst.short_by <= 1 else "not enough"
+    aim = f"{worst.aim.purpose} ({percent(worst.aim.std)})"
+    return f"{title} is known to {percent(worst.std)}{reason}, {enough} for {aim}."
 
 
 def _is_replaced(experiment: Content, others: Iterable[Content]) -> bool:

@@ -12,7 +12,7 @@ from cfid.experiments import EXPERIMENTS
 from cfid.guide.certainty import percent
 from cfid.quantities.registry import Quantity, Shape, registered
 from cfid.quantities.rounding import value_and_std
-from cfid.quantities.values import coefficient_units
+from cfid.quantities.values import units_of
 from cfid.records.covariances import numbers_of
 from cfid.records.files import RUNS_FOLDER
 from cfid.records.fits import BY_HAND
@@ -136,8 +136,9 @@ def main_numbers(values: Values) -> Iterator[Content]:
 
 def number_rows(key: str, parameter: Parameter) -> list[Content]:
     """Return the numbers of a parameter under its key."""
-    numbers = parameter.numbers(key)
-    return [_row(f"{key} {n.place}".rstrip(), n.value, n.std, parameter.unit) for n in numbers]
+    numbers = list(parameter.numbers(key))
+    units = units_of(key, parameter.unit, len(numbers))
+    return [_row(number.name, number.value, number.std, unit) for number, unit in zip(numbers, units, strict=True)]
 
 
 def _main(title: str, value: float, std: float | None, scale: float, unit: str) -> Content:
@@ -238,10 +239,11 @@ def _rows(quantity: Quantity, parameter: Parameter) -> list[Content]:
     """
     symbol, unit, numbers = quantity.symbol, quantity.unit, list(parameter.numbers(quantity.key))
     if quantity.shape is Shape.NUMBER:
-        return [_row(f"{symbol} ({quantity.title})", number.value, number.std, unit) for number in numbers]
-    places, units = [number.place for number in numbers], [unit] * len(numbers)
+        is_late = quantity.key == "tf.delay_s" and any((number.value or 0.0) < 0 for number in numbers)
+        title = f"{quantity.title}: below zero, that stamp is late" if is_late else quantity.title
+        return [_row(f"{symbol} ({title})", number.value, number.std, unit) for number in numbers]
+    places, units = [number.place for number in numbers], units_of(quantity.key, unit, len(numbers))
     if quantity.shape is Shape.POLYNOMIAL:
-        units = coefficient_units(quantity.key, len(numbers))
         places = places if quantity.lowest_first else places[::-1]
     elif len(numbers) == 3:  # components along the body axes
         places = list("xyz")

@@ -28,7 +28,7 @@ _VERDICTS: Mapping[int, str] = {
     AppVerdict.MOTORS_NOT_ALLOWED: "its supervisor does not let the motors run: not armed, tumbled or stopped",
     AppVerdict.NO_SAMPLES: "N is zero",
     AppVerdict.NO_FREQUENCY: "omega is no frequency from 0 to pi",
-    AppVerdict.NO_WHOLE_PERIODS: "omega is no multiple of 2 pi/N",
+    AppVerdict.NO_WHOLE_PERIODS: "the sine has no whole periods in the run",
     AppVerdict.NOT_OWNER: "another program holds the motors, or a stop ended this one's hold",
 }
 

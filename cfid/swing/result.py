@@ -249,7 +249,7 @@ def _by_default(swing: FreeSwing) -> SwingEstimate:
         },
         findings=fit.findings,
         line=f"residual {1e3 * fit.residual_rms_rad:.3g} mrad rms, "
-        f"waveform off by {100 * fit.distortion:.2g} % of the start angle, drift {100 * fit.drift:+.2g} %",
+        f"shape off a pendulum's by {100 * fit.distortion:.2g} % of the start angle, drift {100 * fit.drift:+.2g} %",
     )
 
 

@@ -225,7 +225,7 @@ def _check_ends(sine: Sine, reports: Reports, expected: int, first: float) -> No
     lost = _LOST if sine.half_period_s > _UNRESOLVED_S else _LOST_DENSE
     if count < max(min(3, expected), (1 - lost) * expected):
         raise DataError(
-            f"too few crossings: {counted(count, 'report')}, where a sine with l = {sine.periods} makes {expected}. "
+            f"too few crossings: {counted(count, 'report')}, where a sine of {sine.hz:g} Hz makes {expected}. "
             "Record it again, or look whether its file is that of another run."
         )
     if reports.command[-1] != 0:
@@ -244,8 +244,8 @@ def _check_ends(sine: Sine, reports: Reports, expected: int, first: float) -> No
 def _check_course(sine: Sine, expected: int, count: int, played: float, *, fits: bool) -> None:
     if not fits:
         raise DataError(
-            f"it played {played:.0f} samples with {counted(count, 'report')}, where N = {sine.samples} and l = "
-            f"{sine.periods} make {expected}: was it cut short, is its N not {sine.samples}, or were two runs swapped?"
+            f"it played {SAMPLE_S * played:.1f} s with {counted(count, 'report')}, where {sine.hz:g} Hz for "
+            f"{SAMPLE_S * sine.samples:g} s make {expected}: was it cut short, or were two runs swapped?"
         )
 
 

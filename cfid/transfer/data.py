@@ -139,7 +139,7 @@ class _Reader:
         crossings = read_crossings(run.folder)
         lost = losses(run, run.header.devices[CROSSINGS], len(crossings.host_s))
         self.findings += [one.at(run.folder.name) for one in lost]
-        self._add(f"l = {sine.periods} ({run.folder.name})", sine, crossings, run.folder, run.header.rig)
+        self._add(f"{sine.hz:g} Hz ({run.folder.name})", sine, crossings, run.folder, run.header.rig)
 
     def read_cells(self, paths: Iterable[Path]) -> None:
         """Read the load cells' files in parallel: parsing them takes longer than everything after it."""

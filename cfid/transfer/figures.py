@@ -288,10 +288,11 @@ def _step(function: TransferFunction, time_s: Array) -> Array:
 
 def _fit_rows(fit: TransferFit) -> list[tuple[str, str]]:
     gain, lag = fit.gain_n, fit.time_constant_s
-    delays = [
-        (f"delay of {name}", plus_minus(1e3 * own.delay_s, 1e3 * own.std_s, unit="ms after the stamps on average"))
-        for name, own in fit.delays.items()
-    ]
+    delays = []
+    for name, own in fit.delays.items():
+        late = own.delay_s < 0  # the force cannot come before its command, so that the command's stamp is late
+        what, unit = (f"time stamps of {name}", "ms late on average") if late else (f"delay of {name}", "ms")
+        delays.append((what, plus_minus(1e3 * abs(own.delay_s), 1e3 * own.std_s, unit=unit)))
     return [
         (
             "static gain",

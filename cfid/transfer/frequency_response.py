@@ -75,7 +75,7 @@ def respond(run: SineRun, *, settle_s: float = SETTLE_S) -> Response:
     Raises DataError for l = 0, which has no frequency, and FitError when the force is zero or has too few samples.
     """
     if not 0 < 2 * run.sine.periods < run.sine.samples:
-        raise DataError(f"{run.name}: l = {run.sine.periods} has no frequency below half of the sampling rate.")
+        raise DataError(f"{run.name}: {run.sine.hz:g} Hz is not above zero and below half of the sampling rate.")
     begin, end = np.searchsorted(run.time_s, [settle_s, run.duration_s - END_S])
     time_s, force, omega = run.time_s[begin:end], run.force_n[begin:end], run.frequency_rad_s
     if len(force) < 2 * (3 + 2 * _HARMONICS):

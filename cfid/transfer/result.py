@@ -324,9 +324,12 @@ def _lines(found: Identified) -> list[str | Dependent]:
     for name, delay in fit.delays.items():
         skews = ", ".join(f"{1e6 * line.skew:+.0f} ppm" for line in found.aligned[name].lines)
         clocks = f"; the vehicle's clock is off by {skews}" if skews else "; no stamps of the vehicle"
+        # A force that seems to come before its command shows by how much the commands' time stamps are late.
+        sign = -1 if delay.delay_s < 0 else 1
+        begin = "time stamps of commands are late by" if sign < 0 else "delay after the time stamp of the command:"
         line = (
-            f"{name}: delay {_milliseconds(delay.delay_s, delay.std_s)} after the average report of a command, "
-            f"{_milliseconds(delay.after_quickest_s, delay.after_quickest_std_s)} after the fastest{clocks}"
+            f"{name}: {begin} {_milliseconds(sign * delay.delay_s, delay.std_s)} on average, "
+            f"{_milliseconds(sign * delay.after_quickest_s, delay.after_quickest_std_s)} for the quickest{clocks}"
         )
         lines.append(Dependent(line, "tf.delay_s", "tf.delay_after_quickest_s"))
     return lines

@@ -40,8 +40,7 @@ def section(**parameters: Parameter) -> Section:
 
 def summary(*sections: Section, experiments: tuple[Any, ...] = (), stds: tuple[float, ...] = ()) -> dict[str, Any]:
     found = tuple(
-        Certainty(key=f"number {i}", aim=Aim(0.03, "a purpose: 3 %"), std=std, mostly="gain")
-        for i, std in enumerate(stds)
+        Certainty(key=f"number {i}", aim=Aim(0.03, "a purpose"), std=std, mostly="gain") for i, std in enumerate(stds)
     )
     task = Task(section="thrust", recordings=(), fit=("fit", "thrust"), aims=())
     status = TaskStatus(task=task, lacking=(), state="not fitted", reason="recorded.", found=found)
@@ -91,8 +90,8 @@ def test_the_uncertainty_of_a_speed_considers_that_coefficients_move_together() 
     ("stds", "weakest"),
     [
         ((), ""),
-        ((0.01, 0.02), "number 1 is known to 2 % (mostly by the gain), enough for a purpose: 3 %."),
-        ((0.06, 0.01), "number 0 is known to 6 % (mostly by the gain), too little for a purpose: 3 %."),
+        ((0.01, 0.02), "number 1 is known to 2 % (mostly by the gain), enough for a purpose (3 %)."),
+        ((0.06, 0.01), "number 0 is known to 6 % (mostly by the gain), not enough for a purpose (3 %)."),
     ],
 )
 def test_the_weakest_number_is_that_furthest_from_its_aim(stds: tuple[float, ...], weakest: str) -> None:

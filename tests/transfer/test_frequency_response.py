@@ -89,5 +89,5 @@ def test_a_clipped_sine_is_divided_by_what_was_played() -> None:
 
 def test_a_sine_without_frequency_or_at_half_of_the_sampling_rate_is_refused() -> None:
     for run in align(exact(B0, A1, periods=[0, 2000], samples=4000)).runs:
-        with pytest.raises(DataError, match="no frequency below half"):
+        with pytest.raises(DataError, match="not above zero and below half"):
             respond(run)

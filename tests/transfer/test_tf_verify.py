@@ -58,7 +58,7 @@ def test_what_a_campaign_identified_describes_a_run_it_did_not_see(tf: Here, cam
     assert parameters[f"{key}.gain_ratio"]["value"] == pytest.approx(1, abs=0.03)
     assert parameters[f"{key}.fit_percent"]["value"] > 85
     assert parameters[f"{key}.residual_rms_n"]["value"] < 5e-3
-    assert content["quality"]["runs"][f"l = 12 ({left_out})"]["off"] < 0.05
+    assert content["quality"]["runs"][f"1.5 Hz ({left_out})"]["off"] < 0.05
     assert "tf verify" in sections_at(campaign)
 
 

@@ -376,7 +376,7 @@ def _lines(points: Sequence[Point], name: str) -> tuple[str, ...]:
     """Return a line for each step on where it was averaged, or why it was not."""
     lines = []
     for point in points:
-        how = f"{point.effective_samples.min():.0f} effective samples" if point.settled else point.reason
+        how = f"{point.effective_samples.min():.0f} independent samples" if point.settled else point.reason
         step = "a step of unknown command" if point.command is None else f"command {point.command}"
         lines.append(f"{name}: {step}: {point.begin_s:7.2f} to {point.end_s:7.2f} s, {how}")
     return tuple(lines)

@@ -273,7 +273,7 @@ def _result(
             "residual_norm": fit.residual_norm,
             "points": len(mapped.x),
             "degrees_of_freedom": fit.degrees_of_freedom,
-            "inflation": fit.inflation,
+            "scatter_over_stated": fit.inflation,
             "left_out_commands": list(mapped.left_out),
             **merits,
         },

@@ -274,8 +274,8 @@ def _of_rates(rates: Mapping[int, tuple[float, float]], covariance: Array, at_ra
 def _of_delay(delay_s: float, std_s: float) -> Iterator[Finding]:
     if delay_s < -COVERAGE_95 * std_s:
         text = (
-            f"the speed changes {-1e3 * delay_s:.1f} ± {1e3 * std_s:.2g} ms before its command as stamped: the "
-            "stamps of commands or speeds are off by that much. It belongs to the link or the log, not to the motor."
+            f"the speed changes {-1e3 * delay_s:.1f} ± {1e3 * std_s:.2g} ms before the time stamp of its "
+            "command: stamps of commands or speeds are off by that much, by the link or the log, not by the motor."
         )
         yield note("rotor-delay-negative", text, "dynamics.delay_s")
 
