@@ -12,7 +12,7 @@ from tomlkit.items import InlineTable, Table
 
 from cfid.quantities.registry import find, is_of_the_run, unit_of
 from cfid.quantities.rounding import value_and_std
-from cfid.quantities.values import is_rows
+from cfid.quantities.values import is_rows, units_of
 from cfid.records.covariances import numbers_of, shaped_as
 from cfid.records.files import RIG_FILE
 from cfid.records.fits import BY_HAND, Fit
@@ -90,7 +90,9 @@ def _is_shown(quantity: Quantity, values: Values) -> bool:
 
 def _row(quantity: Quantity) -> InlineTable:
     parameter = quantity.parameter
-    row = _line(plain(parameter.value), plain(parameter.std), parameter.unit, quantity.fit.stem)
+    value = plain(parameter.value)
+    units = dict.fromkeys(units_of(quantity.key, parameter.unit, len(numbers_of("", value))))
+    row = _line(value, plain(parameter.std), ", ".join(units), quantity.fit.stem)
     if quantity.rejection:
         row["rejected"] = quantity.rejection
     if quantity.outdated:
