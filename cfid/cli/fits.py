@@ -27,11 +27,11 @@ _DIFFERENT = 1e-6  # of a standard uncertainty: below it, numbers differ by roun
 
 
 def show_fits(context: typer.Context) -> None:
-    """List the campaign's kept fits: which count, and why the others do not.
+    """List the kept fits: which count, and why the others do not.
 
-    [bold]cfid parameters --why KEY[/bold] compares the fits that have one parameter.
+    cfid parameters --why KEY compares the fits that have one parameter.
 
-    Example: [bold]cfid fits[/bold]
+    Example: cfid fits
     """
     if context.invoked_subcommand is not None:
         return
@@ -71,7 +71,7 @@ def show_fits(context: typer.Context) -> None:
 def drop(words: Annotated[list[str], typer.Argument(metavar="FIT ...", help="Names or numbers of fits.")]) -> None:
     """Withdraw fits, so that the next best count. Nothing is deleted.
 
-    Example: [bold]cfid fits drop 0007_thrust[/bold]
+    Example: cfid fits drop 0007_thrust
     """
     campaign = here()
     for fit in [_fit_named(word, campaign) for word in words]:
@@ -89,9 +89,11 @@ def drop(words: Annotated[list[str], typer.Argument(metavar="FIT ...", help="Nam
 def repeat(
     word: Annotated[str, typer.Argument(metavar="FIT", help="A fit's name as `cfid fits` lists it, or its number.")],
 ) -> None:
-    """Repeat a kept fit from its runs and options, and state whether the numbers are the same. Nothing is kept.
+    """Repeat a kept fit, and state whether the numbers are the same.
 
-    Example: [bold]cfid fits repeat 0007_thrust[/bold]
+    Nothing is kept.
+
+    Example: cfid fits repeat 0007_thrust
     """
     campaign = here()
     fit = _fit_named(word, campaign)

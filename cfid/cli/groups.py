@@ -11,7 +11,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command, get_group
 
-from cfid.cli.table import COMMANDS, GROUPS, PRINT_NO_JSON
+from cfid.cli.table import COMMANDS, GROUPS, PRINT_NO_JSON, SECTIONS
 from cfid.console.program import given_options, giving, program
 from cfid.errors import CfidError, ConfigError, DataError, FitError, RejectedError
 from cfid.experiments import EXPERIMENTS, function_at
@@ -19,6 +19,17 @@ from cfid.experiments import EXPERIMENTS, function_at
 
 class Command(TyperCommand):
     """A command that knows the options it was given, and keeps why a fit of all its runs gave nothing."""
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Write arguments and options; the metavar of an argument states its type already."""
+        for title, kind in (("Arguments", "argument"), ("Options", "option")):
+            parameters = [parameter for parameter in self.get_params(ctx) if parameter.param_type_name == kind]
+            rows = [row for parameter in parameters if (row := parameter.get_help_record(ctx)) is not None]
+            if kind == "argument":
+                rows = [(str(parameter.metavar), text) for parameter, (_, text) in zip(parameters, rows, strict=True)]
+            if rows:
+                with formatter.section(title):
+                    formatter.write_dl(rows)
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command with its options."""
@@ -64,6 +75,13 @@ class LazyGroup(TyperGroup):
             self.commands[word].help = _docstring(path)
         return list(self.commands)
 
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write the commands with the first paragraphs of their docstrings, those of the program in its sections."""
+        words = self.list_commands(ctx)
+        for title, names in ({"Commands": words} if self.name else SECTIONS).items():
+            with formatter.section(title):
+                formatter.write_dl([(word, _first_paragraph(self.commands[word].help)) for word in names])
+
     def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
         """Return the command's word, the imported command, and the remaining words."""
         word, _, rest = super().resolve_command(ctx, args)
@@ -87,6 +105,10 @@ def _docstring(path: str) -> str:
     return next((ast.get_docstring(function) or "" for function in functions), "")
 
 
+def _first_paragraph(text: str | None) -> str:
+    return " ".join((text or "").partition("\n\n")[0].split())
+
+
 def _imported(path: str, rest: Sequence[str] = ()) -> Any:
     """Return the command of a path, or its group where commands exist below the path.
 
@@ -94,11 +116,13 @@ def _imported(path: str, rest: Sequence[str] = ()) -> Any:
     the group would mistake the first argument for a command.
     """
     place, below = COMMANDS[path], _below(path)
-    group = typer.Typer(cls=LazyGroup, name=path, help=_docstring(path), no_args_is_help=place is None)
+    group = typer.Typer(
+        cls=LazyGroup, name=path, help=_docstring(path), no_args_is_help=place is None, rich_markup_mode=None
+    )
     if place is None:
         return get_group(group)
     function = function_at(place)
-    alone = typer.Typer(add_completion=False)
+    alone = typer.Typer(add_completion=False, rich_markup_mode=None)
     alone.command(path.rpartition(" ")[2], cls=Command)(function)
     command = get_command(alone)
     takes_arguments = any(parameter.param_type_name == "argument" for parameter in command.params)

@@ -21,13 +21,13 @@ def encoder(
     weight: Weight = None,
     body: Body = None,
     for_s: ForS = None,
-    rate_hz: Annotated[float | None, typer.Option(help="Polls per second; default: rig.toml's.")] = None,
+    rate_hz: Annotated[float | None, typer.Option(metavar="HZ", help="Polls per second; default: rig.toml's.")] = None,
     dry_run: DryRun = False,
     note: Note = None,
 ) -> None:
     """Record the encoder until Ctrl-C.
 
-    Example: [bold]cfid log encoder --axis x --for 20[/bold]
+    Example: cfid log encoder --axis x --for 20
     """
     from cfid.records.rig_file import RigFacts
     from cfid.rig.encoder import ready_encoder
@@ -70,7 +70,7 @@ def gyro(
 
     A row is taken each millisecond, by radio every ten.
 
-    Example: [bold]cfid log gyro --axis x --for 20[/bold]
+    Example: cfid log gyro --axis x --for 20
     """
     from cfid.rig.run import Plan
 
@@ -103,7 +103,7 @@ def loadcell(
     body: Body = None,
     for_s: ForS = None,
     rate_hz: Annotated[
-        int | None, typer.Option(min=1, help="Samples per second, 7000 divided by a whole number; default: rig.toml's.")
+        int | None, typer.Option(metavar="HZ", min=1, help="7000 divided by a whole number; default: rig.toml's.")
     ] = None,
     bias: Annotated[bool, typer.Option("--bias", help="Zero the load cell at the present load first.")] = False,
     dry_run: DryRun = False,
@@ -111,7 +111,7 @@ def loadcell(
 ) -> None:
     """Record the load cell until Ctrl-C.
 
-    Example: [bold]cfid log loadcell --for 30 --note "empty mount"[/bold]
+    Example: cfid log loadcell --for 30 --note "empty mount"
     """
     from cfid.rig.loadcell import ready_loadcell
     from cfid.rig.run import Plan

@@ -25,9 +25,9 @@ app = typer.Typer(
     cls=LazyGroup,
     name="",
     no_args_is_help=True,
-    rich_markup_mode="rich",
+    rich_markup_mode=None,
     pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
 
 
@@ -47,7 +47,7 @@ def cfid(
         typer.Option(
             *CAMPAIGN,
             metavar="DIR",
-            help="Campaign folder; default: the current one or its nearest parent with a campaign.",
+            help="Campaign folder; default: the current one or a parent.",
         ),
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")] = False,
@@ -62,7 +62,7 @@ def cfid(
 ) -> None:
     """Measure a Crazyflie: record, identify its physical parameters, state their uncertainties.
 
-    Start with [bold]cfid demo[/bold]. These options may stand anywhere in the line.
+    Start with cfid demo. These options may stand anywhere in the line.
     """
     set_program(Program(campaign=campaign, json=json, verbose=verbose, quiet=quiet, yes=yes))
 

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 
 
 def console(context: typer.Context, *, uri: Uri = None) -> None:
-    """Drive the vehicle's motors from the keyboard, or stop them; nothing is recorded.
+    """Drive motors from the keyboard or stop them; nothing is recorded.
 
-    Example: [bold]cfid motors[/bold]
+    Example: cfid motors
     """
     if context.invoked_subcommand is not None:
         return
@@ -57,7 +57,7 @@ def set_motors(
 ) -> None:
     """Run motors at a command until the time is up or Ctrl-C, then stop them and confirm the stop.
 
-    Example: [bold]cfid motors set 30000 --motor 1,3 --for 10[/bold]
+    Example: cfid motors set 30000 --motor 1,3 --for 10
     """
     from cfid.rig.motor_commands import hold
 
@@ -79,7 +79,7 @@ def set_motors(
 def stop(*, uri: Uri = None, by_button: Annotated[bool, typer.Option("--by-button", hidden=True)] = False) -> None:
     """Stop all motors and confirm the stop. Another cfid that drives them is asked to end, without waiting for it.
 
-    Example: [bold]cfid motors stop[/bold]
+    Example: cfid motors stop
     """
     from cfid.errors import DeviceError
     from cfid.rig.hardware import present
@@ -102,7 +102,7 @@ def stop(*, uri: Uri = None, by_button: Annotated[bool, typer.Option("--by-butto
 def recover(*, uri: Uri = None) -> None:
     """Recover a vehicle that crashed, once it is upright: stop its motors, recover it, and check its state.
 
-    Example: [bold]cfid motors recover[/bold]
+    Example: cfid motors recover
     """
     from cfid.rig.emergency import recover_vehicle
     from cfid.rig.hardware import present

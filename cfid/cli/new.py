@@ -23,7 +23,7 @@ def new_campaign(
 ) -> None:
     """Make a campaign folder with a commented rig.toml.
 
-    Example: [bold]cfid new my-crazyflie[/bold]
+    Example: cfid new my-crazyflie
     """
     path = make_campaign(folder, kind=kind)
     todo = "" if kind in ("simulated", "thesis") else ": put what you measured there in place of each ?"

@@ -46,11 +46,11 @@ def list_parameters(
         typer.Option(metavar="KEY", help="List the kept fits that have this parameter, and why each is taken or not."),
     ] = None,
 ) -> None:
-    """List the campaign's parameters, each with its standard uncertainty, unit and origin.
+    """List the parameters with standard uncertainty, unit and origin.
 
     Of all kept fits of a parameter, the most certain of those that are accepted and current counts.
 
-    Example: [bold]cfid parameters --why motor.max_thrust_n[/bold]
+    Example: cfid parameters --why motor.max_thrust_n
     """
     campaign = here()
     values = campaign.values()
@@ -112,11 +112,12 @@ def set_by_hand(
     *,
     force: Annotated[bool, typer.Option("--force", help="Store an implausible value anyway.")] = False,
 ) -> None:
-    """Store a value measured by hand. Values that belong in rig.toml, such as the mass, are changed there.
+    """Store a value measured by hand.
 
-    A thrust over motor voltage is stored only if the firmware can invert it.
+    Values that belong in rig.toml, such as the mass, are changed there. A thrust over motor voltage is
+    stored only if the firmware can invert it.
 
-    Example: [bold]cfid set motor.max_thrust_n 0.15:0.01[/bold]
+    Example: cfid set motor.max_thrust_n 0.15:0.01
     """
     campaign = here()
     numbers, stds = _typed(name, value)

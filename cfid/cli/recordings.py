@@ -15,7 +15,6 @@ from cfid.console.options import positive
 from cfid.console.program import program
 from cfid.errors import ConfigError
 
-_COLUMNS, _SCALES, _RECORDING = "Columns and units", "Scales", "What is recorded"
 _DSHOT = "dshot"
 _NEXT = {
     "swing": "fit swing",
@@ -50,90 +49,81 @@ def import_file(
     *,
     kind: Annotated[
         Literal["angle", "wrench", "stand", "flight", "ping", "period"] | None,
-        typer.Option(help="Kind of recording; default: as its columns show."),
+        typer.Option(
+            metavar="KIND",
+            help="angle, wrench, stand, flight, ping or period; default: as its columns show.",
+        ),
     ] = None,
     columns: Annotated[
         str | None,
         typer.Option(
             metavar="NAME=COLUMN,...",
-            help="Columns by the file's names or by numbers, as in t=1,phi=2; or in the order of the kind, as in 1,2.",
-            rich_help_panel=_COLUMNS,
+            help="Columns by name or number, as in t=1,phi=2; or in the order of the kind, as in 1,2.",
         ),
     ] = None,
     unit: Annotated[
         list[str] | None,
         typer.Option(
             metavar="COLUMN=UNIT",
-            help="Unit of a column that names none, as in t=us, phi=deg, phi=counts, Fz=N; can be repeated.",
-            rich_help_panel=_COLUMNS,
+            help="Unit of a column that names none: t=us, phi=deg, Fz=N; can be repeated.",
         ),
     ] = None,
     time_unit: Annotated[
         Literal["s", "ms", "us", "ns"] | None,
-        typer.Option(help="Unit of the times, as --unit t=...", rich_help_panel=_COLUMNS),
+        typer.Option(help="Unit of the times, as --unit t=..."),
     ] = None,
     angle_unit: Annotated[
         Literal["counts", "rad", "deg"] | None,
-        typer.Option(help="Unit of the angle, as --unit phi=...", rich_help_panel=_COLUMNS),
+        typer.Option(help="Unit of the angle, as --unit phi=..."),
     ] = None,
     rows: Annotated[
         list[str] | None,
         typer.Option(
             metavar="COLUMN=WORD",
-            help="Take only the rows with that word in that column, as in Propeller=T5143; can be repeated.",
-            rich_help_panel=_COLUMNS,
+            help="Take only rows with that word in that column; can be repeated.",
         ),
     ] = None,
     rate_hz: Annotated[
         float | None,
-        typer.Option(help="Sampling rate in Hz, in place of a column of times.", rich_help_panel=_COLUMNS),
+        typer.Option(metavar="HZ", help="Sampling rate, in place of a column of times."),
     ] = None,
-    skip_lines: Annotated[
-        int, typer.Option(min=0, help="Lines to skip at the top of the file.", rich_help_panel=_COLUMNS)
-    ] = 0,
-    decimal: Annotated[Literal[".", ","], typer.Option(help="Decimal mark.", rich_help_panel=_COLUMNS)] = ".",
+    skip_lines: Annotated[int, typer.Option(metavar="N", min=0, help="Lines to skip at the top.")] = 0,
+    decimal: Annotated[Literal[".", ","], typer.Option(help="Decimal mark.")] = ".",
     clock: Annotated[
         Literal["true", "84/85"] | None,
         typer.Option(
-            help="Clock rate of a Crazyflie's uSD-card log (default: as its rows show), or of a table made of one.",
-            rich_help_panel=_SCALES,
+            help="Clock rate of a uSD-card log or its table; default: as its rows show.",
         ),
     ] = None,
     counts_per_turn: Annotated[
         str | None,
-        typer.Option(metavar="N|rls-13bit-in-22", help="Encoder counts per turn.", rich_help_panel=_SCALES),
+        typer.Option(metavar="N|rls-...", help="Encoder's counts per turn, or rls-13bit-in-22."),
     ] = None,
-    counts_per_n: Annotated[
-        float | None, typer.Option(help="Counts of the load cell per newton.", rich_help_panel=_SCALES)
-    ] = None,
+    counts_per_n: Annotated[float | None, typer.Option(metavar="N", help="Load cell's counts per N.")] = None,
     counts_per_nm: Annotated[
-        float | None, typer.Option(help="Counts of the load cell per newton metre.", rich_help_panel=_SCALES)
+        float | None, typer.Option(metavar="N", help="Load cell's counts per newton metre.")
     ] = None,
     esc_us: Annotated[
         str | None,
         typer.Option(
             metavar="FROM,TO|dshot",
-            help="Pulse widths of a motor controller, in microseconds, at commands 0 and 65535, or DShot's commands "
-            "from 48 to 2047; default: 1000,2000.",
-            rich_help_panel=_SCALES,
+            help="Pulse widths in microseconds at commands 0 and 65535, or DShot's commands from 48 to 2047; "
+            "default: 1000,2000.",
         ),
     ] = None,
     motors: Annotated[
         int | None,
-        typer.Option(min=1, max=4, help="Number of motors whose thrust a stand shows.", rich_help_panel=_RECORDING),
+        typer.Option(metavar="N", min=1, max=4, help="Motors whose thrust a stand shows."),
     ] = None,
     log: Annotated[
         int | None,
-        typer.Option(
-            min=1, help="Which flight of a file with several; default: the longest.", rich_help_panel=_RECORDING
-        ),
+        typer.Option(metavar="N", min=1, help="Which flight of several; default: the longest."),
     ] = None,
     props_out: Annotated[
         bool | None,
         typer.Option(
             "--props-out/--no-props-out",
-            help="Rotors turn opposite to a Crazyflie's (--no-props-out: as a Crazyflie's); default: as the log shows.",
-            rich_help_panel=_RECORDING,
+            help="Rotors turn opposite to a Crazyflie's, or as its; default: as the log shows.",
         ),
     ] = None,
     axis: Axis = None,
@@ -143,12 +133,13 @@ def import_file(
     at_mm: AtMm = None,
     note: Note = None,
 ) -> None:
-    """Make a run from another program's recording. The file stays as it is, and no existing run is changed.
+    """Make a run from another program's recording.
 
-    Without a campaign the run is made in the current folder. With --axis, a vehicle's log is a swing that its gyro
-    recorded. With --pull and --weight, forces are those of a known load, for `cfid fit loadcell`.
+    The file stays as it is, and no existing run is changed. Without a campaign the run is made in the current
+    folder. With --axis, a vehicle's log is a swing that its gyro recorded. With --pull and --weight, forces are those
+    of a known load, for `cfid fit loadcell`.
 
-    Example: [bold]cfid import swing.csv --axis x --unit t=us --counts-per-turn 8192[/bold]
+    Example: cfid import swing.csv --axis x --unit t=us --counts-per-turn 8192
     """
     from cfid.recordings.importing import import_recording
     from cfid.recordings.read import read_recording
@@ -210,9 +201,9 @@ def convert(
         ),
     ] = None,
 ) -> None:
-    """Write a recording in another format: every row and column, in its original units.
+    """Write a recording in another format, in its original units.
 
-    Example: [bold]cfid convert last --to parquet[/bold]
+    Example: cfid convert last --to parquet
     """
     from cfid.recordings import convert as conversion
     from cfid.recordings.read import description, read_recording

@@ -42,7 +42,7 @@ def check(
     holds it. With `--signals`, each device that answers is then sampled at rest, with the settings of rig.toml, and
     judged by its limits.
 
-    Example: [bold]cfid rig check --signals[/bold]
+    Example: cfid rig check --signals
     """
     rig = rig_of(or_real=True)
     devices, stated, hardware = rig.devices, rig.campaign.rig, rig.hardware
@@ -127,7 +127,7 @@ def sim(
 
     The vehicle is a Crazyflie 2.x, or a 2.1 Brushless where rig.toml or the truth file states it.
 
-    Example: [bold]cfid rig sim --axis x[/bold]
+    Example: cfid rig sim --axis x
     """
     from cfid.console.campaign import here
     from cfid.rig.loop import run_until_done

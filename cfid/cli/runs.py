@@ -28,7 +28,7 @@ def show_runs(
 ) -> None:
     """List the campaign's runs: what, when, state, rows, losses.
 
-    Example: [bold]cfid runs[/bold]
+    Example: cfid runs
     """
     if context.invoked_subcommand is None:
         folder = here().runs_folder
@@ -42,7 +42,7 @@ def exclude(
 ) -> None:
     """Exclude runs from fits that select their runs automatically. Nothing is deleted.
 
-    Example: [bold]cfid runs exclude 2026-11-21_083012_swing_x --note "the cable touched"[/bold]
+    Example: cfid runs exclude 2026-11-21_083012_swing_x --note "the cable touched"
     """
     reason = note or "by the operator"
     _amend(run, excluded=reason, message=f"is excluded: {reason}")
@@ -51,7 +51,7 @@ def exclude(
 def include(run: RunWord) -> None:
     """Include excluded runs again.
 
-    Example: [bold]cfid runs include 2026-11-21_083012_swing_x[/bold]
+    Example: cfid runs include 2026-11-21_083012_swing_x
     """
     _amend(run, excluded="", message="is included again")
 
@@ -65,7 +65,7 @@ def note(
     A note of the form key=value is a lab book entry, which overrides that of rig.toml: operator, battery, propellers,
     temperature_c or a key of your own.
 
-    Example: [bold]cfid runs note last battery=B4[/bold]
+    Example: cfid runs note last battery=B4
     """
     check(text)
     _amend(run, note=text, message=f"note added: {text}" if text else "has no note any more")

@@ -27,9 +27,11 @@ def show_run(
     figures: Figures = None,
     out: Out = None,
 ) -> None:
-    """Plot a run, device by device: angle and speed, forces and their spectrum, commands, battery, crossings, pings.
+    """Plot a run, device by device.
 
-    Example: [bold]cfid show runs/2026-11-21_083012_swing_x[/bold]
+    Figures show angle and speed, forces and their spectrum, commands, battery, crossings, pings.
+
+    Example: cfid show runs/2026-11-21_083012_swing_x
     """
     from cfid.console.views import views_of
 

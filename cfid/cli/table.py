@@ -1,12 +1,12 @@
-"""The table of all commands, in the order of the lists, and of the groups that are no commands themselves."""
+"""The table of all commands, of the groups that are no commands themselves, and of the sections of the list."""
 
 from cfid.experiments import EXPERIMENTS
 
 GROUPS = {
-    "rig": "Check the rig's devices, or simulate them.\n\nExample: [bold]cfid rig check[/bold]",
-    "log": "Record data from the rig.\n\nExample: [bold]cfid log encoder --axis x --for 20[/bold]",
-    "fit": "Estimate parameters from recordings.\n\nExample: [bold]cfid fit inertia[/bold]",
-    "tf": "Identify and check the transfer function of motor and rotor.\n\nExample: [bold]cfid tf identify[/bold]",
+    "rig": "Check the rig's devices, or simulate them.\n\nExample: cfid rig check",
+    "log": "Record data from the rig.\n\nExample: cfid log encoder --axis x --for 20",
+    "fit": "Estimate parameters from recordings.\n\nExample: cfid fit inertia",
+    "tf": "Identify and check the transfer function of motor and rotor.\n\nExample: cfid tf identify",
 }
 
 # By its words, the function of each command; None is a group. Lists show the first paragraph of its docstring.
@@ -56,6 +56,14 @@ COMMANDS: dict[str, str | None] = {
     "tf identify": EXPERIMENTS["tf"].function,
     "tf verify": "cfid.transfer.command:verify",
     "tf latency": EXPERIMENTS["latency"].function,
+}
+
+# The program's commands in the sections of its help.
+SECTIONS = {
+    "Campaign": ("demo", "new", "status", "next", "set", "fleet"),
+    "Record": ("rig", "log", "motors", "watch"),
+    "Results": ("fit", "tf", "fits", "parameters", "validate", "report", "export"),
+    "Files": ("runs", "show", "import", "convert"),
 }
 
 # Motors are never refused a command for want of JSON.

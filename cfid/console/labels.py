@@ -12,8 +12,6 @@ from cfid.records.run import Label
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
 
-LABEL = "What is recorded"
-
 
 def _checked(note: str | None) -> str | None:
     """Return the note, checked for a run that will be recorded. Raises ConfigError as `cfid runs note` does."""
@@ -23,33 +21,28 @@ def _checked(note: str | None) -> str | None:
 
 Note = Annotated[
     str | None,
-    typer.Option(
-        help="Note to keep with the run; key=value is a lab book entry.", callback=_checked, rich_help_panel=LABEL
-    ),
+    typer.Option(metavar="TEXT", help="Note to keep; key=value is a lab book entry.", callback=_checked),
 ]
 
 
-Axis = Annotated[
-    str | None, typer.Option(metavar="MOUNT", help="Mount of a swing, as named in rig.toml.", rich_help_panel=LABEL)
-]
+Axis = Annotated[str | None, typer.Option(metavar="MOUNT", help="Mount of a swing, as named in rig.toml.")]
 Weight = Annotated[
     str | None,
-    typer.Option(metavar="GRAMS[:STD]", help="Mass of the dropped or hanging weight, in grams.", rich_help_panel=LABEL),
+    typer.Option(metavar="GRAMS[:STD]", help="Mass of the dropped or hanging weight."),
 ]
 Body = Annotated[
     Literal["crazyflie", "testbody", "fixture"] | None,
-    typer.Option(help="Body that swings; default with --axis: crazyflie.", rich_help_panel=LABEL),
+    typer.Option(metavar="BODY", help="crazyflie (default with --axis), testbody or fixture."),
 ]
 Pull = Annotated[
     Literal["x", "-x", "y", "-y", "z", "-z"] | None,
-    typer.Option(help="Load-cell axis along which gravity points, for its calibration.", rich_help_panel=LABEL),
+    typer.Option(help="Load cell's axis along which gravity points."),
 ]
 AtMm = Annotated[
     str | None,
     typer.Option(
         metavar="X,Y,Z[:STD]",
-        help="Position of the weight, in mm from the load cell's origin.",
-        rich_help_panel=LABEL,
+        help="Position of the weight, from the load cell's origin.",
     ),
 ]
 

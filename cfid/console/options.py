@@ -1,62 +1,49 @@
 """Options that several commands share, as annotated types."""
 
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import typer
 
-_OUTPUT = "Output"
-_RIG = "Vehicle and rig"
-
-
-def panel(name: str) -> Callable[..., Any]:
-    """Return a typer.Option whose options stand together in a panel of --help."""
-    return partial(typer.Option, rich_help_panel=name)
-
-
-Method = Annotated[Literal["default", "thesis"], typer.Option(help="'thesis' applies the thesis method.")]
+Method = Annotated[
+    Literal["default", "thesis"], typer.Option(show_default=False, help="Method: cfid's, or the thesis'.")
+]
 
 
 MassKg = Annotated[
     str | None,
     typer.Option(
         metavar="KG[:STD]",
-        help="Mass of the swinging body; default, for the mass and for STD: rig.toml's.",
-        rich_help_panel=_RIG,
+        help="Swinging mass and its STD; default: rig.toml's.",
     ),
 ]
 GravityMps2 = Annotated[
     str | None,
     typer.Option(
         metavar="MPS2[:STD]",
-        help="Local gravity; default, for the value and for STD: rig.toml's.",
-        rich_help_panel=_RIG,
+        help="Local gravity and its STD; default: rig.toml's.",
     ),
 ]
 YawDeg = Annotated[
     float | None,
     typer.Option(
-        help="Angle from the vehicle's nose to the load cell's x axis, in degrees, positive to the left, seen "
-        "from above; default: the run's, else rig.toml's.",
-        rich_help_panel="What was measured",
+        metavar="DEG",
+        help="Angle of the load cell's x axis, to the left of the nose; default: the run's, else rig.toml's.",
     ),
 ]
 Markers = Annotated[
     int | None,
     typer.Option(
+        metavar="N",
         min=1,
-        help="Reflective markers that the tachometer counts per turn; default: the run's, else rig.toml's.",
-        rich_help_panel="What was measured",
+        help="Reflective markers counted per turn; default: the run's, else rig.toml's.",
     ),
 ]
 FlipFz = Annotated[
     bool | None,
     typer.Option(
         "--flip-fz/--no-flip-fz",
-        help="Reverse the sign of Fz, which the load cell counts downwards; default: the run's, else rig.toml's.",
-        rich_help_panel="What was measured",
+        help="Reverse the sign of Fz; default: the run's, else rig.toml's.",
     ),
 ]
 Swings = Annotated[
@@ -70,8 +57,7 @@ Geometry = Annotated[
     Path | None,
     typer.Option(
         metavar="FILE|thesis",
-        help="A rig.toml to use instead of the campaign's, or that of the thesis.",
-        rich_help_panel=_RIG,
+        help="Another rig.toml, or that of the thesis.",
     ),
 ]
 PropsOut = Annotated[
@@ -82,44 +68,38 @@ PropsOut = Annotated[
 ]
 Peaks = Annotated[
     str | None,
-    typer.Option(metavar="N|AXIS=N,...", help="Number of peaks to use, counting the release as the first."),
+    typer.Option(metavar="N|AXIS=N,...", help="Peaks to use, counting the release."),
 ]
 MinAngleDeg = Annotated[
     float | None,
-    typer.Option(min=1, max=90, help="Use peaks down to this angle, in degrees (the thesis' rule: 10)."),
+    typer.Option(metavar="DEG", min=1, max=90, help="Smallest peak to use (thesis: 10)."),
 ]
 FromS = Annotated[
     float | None,
-    typer.Option("--from", metavar="S", min=0, help="Start of the window, in seconds after the first sample."),
+    typer.Option("--from", metavar="S", min=0, help="Start of the window, after the first sample."),
 ]
 ToS = Annotated[
     float | None,
-    typer.Option("--to", metavar="S", min=0, help="End of the window, in seconds after the first sample."),
+    typer.Option("--to", metavar="S", min=0, help="End of the window, after the first sample."),
 ]
 Force = Annotated[
     bool,
     typer.Option(
         "--force",
-        help="Report and store rejected quantities too, or a less certain fit in place of the stored one; "
-        "overwrite files.",
-        rich_help_panel=_OUTPUT,
+        help="Keep rejected numbers, and a fit less certain than the stored one; overwrite files.",
     ),
 ]
 Figures = Annotated[
     bool | None,
     typer.Option(
         "--figures/--no-figures",
-        help="Draw figures (with --json, only if --out is given); default: yes, but outside a campaign only if "
-        "--out is given.",
-        rich_help_panel=_OUTPUT,
+        help="Draw figures; default: yes, but outside a campaign or with --json only with --out.",
     ),
 ]
 Out = Annotated[
     Path | None,
     typer.Option(
-        help="Folder for the figures; default: figures in the campaign, or next to a swing's run; else the current "
-        "folder.",
-        rich_help_panel=_OUTPUT,
+        help="Folder for the figures; default: figures of the campaign, a swing's run, or here.",
     ),
 ]
 

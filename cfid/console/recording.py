@@ -39,13 +39,11 @@ class Rig(NamedTuple):
     hardware: "Hardware"
 
 
-DryRun = Annotated[bool, typer.Option("--dry-run", help="Print what would be done and how long it would take.")]
+DryRun = Annotated[bool, typer.Option("--dry-run", help="Print what would be done, and how long it takes.")]
 
 
 ForS = Annotated[float | None, typer.Option("--for", metavar="S", help="Seconds to record; default: until Ctrl-C.")]
-Resume = Annotated[
-    bool, typer.Option("--resume", help="Record the missing part of an interrupted run: RUN, else the last one.")
-]
+Resume = Annotated[bool, typer.Option("--resume", help="Record what an interrupted RUN lacks, else the last.")]
 ResumedRun = Annotated[
     Path | None, typer.Argument(metavar="RUN", help="Run to resume, after --resume: its name or folder, or last.")
 ]

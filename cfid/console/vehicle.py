@@ -15,13 +15,10 @@ from cfid.errors import ConfigError
 if TYPE_CHECKING:
     from cfid.rig.ready_vehicle import ReadyVehicle
 
-VEHICLE = "Vehicle"
 
 Motor = Annotated[
     list[str] | None,
-    typer.Option(
-        "--motor", metavar="1,3", help="Motors to use, separated by commas; can be repeated.", rich_help_panel=VEHICLE
-    ),
+    typer.Option("--motor", metavar="1,3", help="Motors to use."),
 ]
 
 
@@ -34,17 +31,16 @@ def motors_of(words: Sequence[str] | None, usual: Sequence[int], *, least: int =
 
 Uri = Annotated[
     str | None,
-    typer.Option(help="Address of the vehicle; default: rig.toml's, else search for it.", rich_help_panel=VEHICLE),
+    typer.Option(metavar="URI", help="Vehicle's address; default: rig.toml's, else search."),
 ]
 NoPreflight = Annotated[
     bool,
     typer.Option(
         "--no-preflight",
-        help="Skip the check of one second of signals, with motors off, before the start.",
-        rich_help_panel=VEHICLE,
+        help="Skip the check of one second of signals.",
     ),
 ]
-CellRateHz = Annotated[int | None, typer.Option(min=1, help="Load-cell samples per second; default: rig.toml's.")]
+CellRateHz = Annotated[int | None, typer.Option(metavar="HZ", min=1, help="Load cell's rate; default: rig.toml's.")]
 LOG_MS = 10  # between rows of the vehicle's log while motors turn
 
 

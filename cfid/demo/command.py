@@ -33,13 +33,13 @@ def demo(
     ] = None,
     figures: Annotated[bool, typer.Option(help="Draw figures.")] = True,
 ) -> None:
-    """Make a campaign on the simulated rig, fit and report it, and compare the estimates with the true values.
+    """Simulate a campaign, fit and report it, and compare with the truth.
 
     The demo has every experiment of the thesis: swings, weights, test body, staircase, tachometer, sines, pings, wind.
     Where the thesis has dozens of settings, the demo has a few, and the load cell samples at 1 kHz (7 kHz for the
     steps).
 
-    Example: [bold]cfid demo my-demo --seed 7[/bold]
+    Example: cfid demo my-demo --seed 7
     """
     if folder.is_dir() and any(folder.iterdir()):
         raise ConfigError(f"{folder} is not empty: delete it, or give another folder.")

@@ -44,8 +44,6 @@ if TYPE_CHECKING:
     from cfid.motors.plan import StaircasePlan
     from cfid.records.campaign import Campaign
 
-_WIND, _COMMANDS = "Wind", "Commands"
-_INPUT = "What was measured"
 _MOST_FAN_V = 1000.0
 _HOLD_S, _REST_S = 10.0, 3.0  # at each command, and before, between and after the commands
 THESIS_COMMANDS = "0,10000,20000,30000,37300,40000,50000"
@@ -53,8 +51,8 @@ THESIS_COMMANDS = "0,10000,20000,30000,37300,40000,50000"
 AzimuthDeg = Annotated[
     float | None,
     typer.Option(
-        help="Azimuth of the wind generator, to the right of the vehicle's nose; default: the run's, else rig.toml's.",
-        rich_help_panel=_WIND,
+        metavar="DEG",
+        help="Azimuth of the wind generator, to the right of the nose; default: the run's, else rig.toml's.",
     ),
 ]
 
@@ -64,41 +62,28 @@ def wind(
     *,
     wind: Annotated[
         str | None,
-        typer.Option(
-            metavar="MIN,MAX", help="Lowest and highest wind speed, in m/s; 0 for references.", rich_help_panel=_WIND
-        ),
+        typer.Option(metavar="MIN,MAX", help="Range of the wind speed, in m/s; 0 for references."),
     ] = None,
     angle: Annotated[
         float | None,
-        typer.Option(
-            metavar="DEG", help="Angle of the wind generator to the vertical, in degrees.", rich_help_panel=_WIND
-        ),
+        typer.Option(metavar="DEG", help="Angle of the wind generator to the vertical."),
     ] = None,
-    fan_voltage: Annotated[
-        float | None, typer.Option(metavar="V", help="Voltage at the wind generator's fan.", rich_help_panel=_WIND)
-    ] = None,
+    fan_voltage: Annotated[float | None, typer.Option(metavar="V", help="Voltage at the wind generator's fan.")] = None,
     azimuth_deg: AzimuthDeg = None,
     commands: Annotated[
         str,
-        typer.Option(
-            metavar="C,C,...", help="Commands to all four motors, one after the other.", rich_help_panel=_COMMANDS
-        ),
+        typer.Option(metavar="C,C,...", help="Commands to all four motors, one after the other."),
     ] = THESIS_COMMANDS,
-    hold: Annotated[
-        float, typer.Option(metavar="S", help="Seconds at each command.", rich_help_panel=_COMMANDS)
-    ] = _HOLD_S,
+    hold: Annotated[float, typer.Option(metavar="S", help="Seconds at each command.")] = _HOLD_S,
     rest: Annotated[
         float,
-        typer.Option(
-            metavar="S", help="Seconds of pause before, between and after the commands.", rich_help_panel=_COMMANDS
-        ),
+        typer.Option(metavar="S", help="Seconds of pause around the commands."),
     ] = _REST_S,
     tachometer: Annotated[
         Literal["typed", "none"] | None,
         typer.Option(
-            help="typed: you type the tachometer's readings; none: the fit estimates the speed from vibration; "
-            "default: typed, or that of the run to resume.",
-            rich_help_panel=_COMMANDS,
+            help="Readings typed by you, or none: the fit takes the speed from vibration; default: typed, or as the "
+            "run to resume.",
         ),
     ] = None,
     rate_hz: CellRateHz = None,
@@ -106,7 +91,7 @@ def wind(
     uri: Uri = None,
     no_preflight: NoPreflight = False,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Print what would be done, how long it would take, and what is missing.")
+        bool, typer.Option("--dry-run", help="Print what would be done, how long it takes, and what is missing.")
     ] = False,
     note: Note = None,
 ) -> None:
@@ -114,7 +99,7 @@ def wind(
 
     Start the wind first, so that the load cell's tare contains the wind's force on the body alone.
 
-    Example: [bold]cfid log wind --angle 48.4 --fan-voltage 8 --wind 2.0,3.7[/bold]
+    Example: cfid log wind --angle 48.4 --fan-voltage 8 --wind 2.0,3.7
     """
     from cfid.motors.record import StaircaseRecording, record_forces
 
@@ -228,18 +213,15 @@ def drag(
     index: Annotated[
         Path | None,
         typer.Option(
-            help="CSV file with one row per run: command, angle_deg, wind_min_mps, wind_max_mps, tach_rpm, loadcell; "
-            "optionally azimuth_deg, from_s, to_s; paths are relative to the file; rows with wind 0 are "
-            "references; a load cell is a file whose columns name their unit (Fz_n, Fz_counts) or a run.",
-            rich_help_panel=_INPUT,
+            help="CSV file with a row per run: command, angle_deg, wind_min_mps, wind_max_mps (0: a reference), "
+            "tach_rpm, loadcell; optionally azimuth_deg, from_s, to_s. A loadcell is a run, or a file beside the index "
+            "whose columns name their units.",
         ),
     ] = None,
     table: Annotated[
         Path | None,
         typer.Option(
-            help="CSV file of reduced forces: command, angle_deg, vx_mps, vy_mps, vz_mps, speed_sum_rad_s, fx_n, fy_n, "
-            "fz_n.",
-            rich_help_panel=_INPUT,
+            help="CSV file of reduced forces: command, angle_deg, v[xyz]_mps, speed_sum_rad_s, f[xyz]_n.",
         ),
     ] = None,
     azimuth_deg: AzimuthDeg = None,
@@ -254,7 +236,7 @@ def drag(
 ) -> None:
     """Fit the simple, cross-coupling and complex drag models, and choose the one that the data support.
 
-    Example: [bold]cfid fit drag --index wind.csv --azimuth-deg 28.46 --yaw-deg 45[/bold]
+    Example: cfid fit drag --index wind.csv --azimuth-deg 28.46 --yaw-deg 45
     """
     from cfid.drag import fit, read_forces
 

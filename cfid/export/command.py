@@ -62,14 +62,16 @@ def export(
         ),
     ] = False,
 ) -> None:
-    """Export the measured parameters to a file for firmware or a simulator, in its frame and units, with their origins.
+    """Export the parameters to a file for firmware or a simulator.
+
+    The file has the frame and units of its reader, and the origin of each number.
 
     A quantity that was not measured is left out or marked, never guessed; a target that needs it is refused. Rejected,
     outdated or implausible quantities are refused too, unless --force is given; the file then marks them.
 
     With --from, the file has what others published, and no campaign is needed.
 
-    Example: [bold]cfid export crazyflow[/bold]
+    Example: cfid export crazyflow
     """
     values = None
     if source is None:

@@ -52,11 +52,11 @@ def fleet(
     jobs: Jobs = 0,
     scheduler: Scheduler = None,
 ) -> None:
-    """Compare the results of several campaigns: mean, scatter, expected scatter, outliers and drift of each number.
+    """Compare campaigns: mean, scatter, outliers and drift of each number.
 
     `cfid fleet fit` refits campaigns; write ./fit for a campaign folder named fit.
 
-    Example: [bold]cfid fleet vehicle-1 vehicle-2 vehicle-3[/bold]
+    Example: cfid fleet vehicle-1 vehicle-2 vehicle-3
     """
     if out is not None and out.suffix not in _SUFFIXES:
         raise ConfigError(f"{out}: should end in {', '.join(_SUFFIXES)}.")
@@ -98,11 +98,12 @@ def fleet_fit(
     jobs: Jobs = 0,
     scheduler: Scheduler = None,
 ) -> None:
-    """Refit campaigns from their recordings: each fit that counts, into a new folder. No campaign is changed.
+    """Refit campaigns from their recordings, into a new folder.
 
-    After an interruption, the same command continues where it stopped. Compare the results with `cfid fleet "OUT/*"`.
+    Fits that count are refitted, and no campaign is changed. After an interruption, the same command
+    continues where it stopped. Compare the results with `cfid fleet "OUT/*"`.
 
-    Example: [bold]cfid fleet fit vehicles/* --out refitted --set peaks=12[/bold]
+    Example: cfid fleet fit vehicles/* --out refitted --set peaks=12
     """
     campaigns, faults = campaign_folders(folders or [], index)
     campaigns = [folder for folder in campaigns if folder != os.path.realpath(out)]  # a glob may match it too

@@ -13,8 +13,6 @@ from cfid.records.choose import labelled
 if TYPE_CHECKING:
     from cfid.flight.values import Body
 
-_BODY = "Vehicle and rig"
-
 
 def flight(
     logs: Annotated[
@@ -23,14 +21,13 @@ def flight(
     *,
     mass_kg: Annotated[
         str | None,
-        typer.Option(metavar="KG[:STD]", help="Mass in flight; default: rig.toml's.", rich_help_panel=_BODY),
+        typer.Option(metavar="KG[:STD]", help="Mass in flight; default: rig.toml's."),
     ] = None,
     arm_mm: Annotated[
         str | None,
         typer.Option(
             metavar="MM[:STD]",
             help="Distance from the centre to each motor's axis, for four motors on a square; default: rig.toml's.",
-            rich_help_panel=_BODY,
         ),
     ] = None,
     props_out: PropsOut = False,
@@ -43,7 +40,7 @@ def flight(
 ) -> None:
     """Fit thrust, lag, moments of inertia and drag to flight logs, as far as the flights excite them.
 
-    Example: [bold]cfid fit flight log10.usd log15.usd --mass-kg 0.027:0.0005 --arm-mm 46:0.3[/bold]
+    Example: cfid fit flight log10.usd log15.usd --mass-kg 0.027:0.0005 --arm-mm 46:0.3
     """
     from cfid.flight.data import read_flight
     from cfid.flight.result import fit

@@ -48,7 +48,7 @@ def friction(
 
     cfid finds the window of steady speed in each run; --from and --to set one window for all runs given.
 
-    Example: [bold]cfid fit friction 20=drop_20g.csv 30=drop_30g.csv 40=drop_40g.csv --radius-mm 2[/bold]
+    Example: cfid fit friction 20=drop_20g.csv 30=drop_30g.csv 40=drop_40g.csv --radius-mm 2
     """
     from cfid.friction import result
 

@@ -31,20 +31,20 @@ Kind = Annotated[
 
 
 def status(*, kind: Kind = None) -> None:
-    """Show a campaign's results, their uncertainties against its aims, what is missing, and the next step.
+    """Show results and uncertainties, what is missing, and the next step.
 
-    Example: [bold]cfid status --kind afternoon[/bold]
+    Example: cfid status --kind afternoon
     """
     state = _status(here(), kind)
     (_print_json if program().json else _print)(state)
 
 
 def next_step(*, kind: Kind = None) -> None:
-    """Do the next step of a campaign: record a run, fit, or report; first print what to do at the rig.
+    """Print what to do at the rig for the next step, and do the step.
 
     With --yes it starts unasked; a command that turns motors asks all the same.
 
-    Example: [bold]cfid next[/bold]
+    Example: cfid next
     """
     opened = here()
     if remedy := opened.rig.unknown():

@@ -46,7 +46,7 @@ def inertia(
     AXIS is a mount in rig.toml; fixture=FILE is a swing of the empty fixture, whose effect is subtracted;
     x=3.12e-05:4e-08 is an axis inertia already known, with its standard uncertainty.
 
-    Example: [bold]cfid fit inertia x=x.csv y=y.csv z=z.csv xy=xy.csv xz=xz.csv yz=yz.csv[/bold]
+    Example: cfid fit inertia x=x.csv y=y.csv z=z.csv xy=xy.csv xz=xz.csv yz=yz.csv
     """
     from cfid.inertia import fit
 
@@ -75,11 +75,11 @@ def testbody(
     figures: Figures = None,
     out: Out = None,
 ) -> None:
-    r"""Compare the test body's measured inertias with those calculated from its drawing (table 2.5).
+    """Compare the test body's measured inertias with those calculated from its drawing (table 2.5).
 
-    AXIS is a mount in \[testbody.mounts]; cuboids and mass come from \[testbody] in rig.toml.
+    AXIS is a mount in [testbody.mounts]; cuboids and mass come from [testbody] in rig.toml.
 
-    Example: [bold]cfid fit testbody x=tb_x.csv z=tb_z.csv[/bold]
+    Example: cfid fit testbody x=tb_x.csv z=tb_z.csv
     """
     from cfid.inertia import fit_testbody
 

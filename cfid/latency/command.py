@@ -39,7 +39,7 @@ def latency(
 
     The round trips of several runs are pooled; clock offset and skew are those of the last run with stamps.
 
-    Example: [bold]cfid tf latency 2026-11-21_083012_ping[/bold]
+    Example: cfid tf latency 2026-11-21_083012_ping
     """
     from cfid.latency import fit
 
@@ -58,7 +58,7 @@ def ping(
 ) -> None:
     """Measure round trips to the vehicle: mean, standard deviation, minimum, histogram (table 3.2). No motor turns.
 
-    Example: [bold]cfid log ping --count 500 --note "just started up"[/bold]
+    Example: cfid log ping --count 500 --note "just started up"
     """
     from cfid.latency.record import record_pings
 

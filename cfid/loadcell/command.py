@@ -33,7 +33,7 @@ def loadcell(
 
     Record each load with `cfid log loadcell --pull -z --weight 50 --at-mm 46,0,0`, and the empty cell without a weight.
 
-    Example: [bold]cfid fit loadcell --store[/bold]
+    Example: cfid fit loadcell --store
     """
     from cfid.errors import ConfigError
     from cfid.loadcell import fit

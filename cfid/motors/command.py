@@ -4,9 +4,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
+import typer
+
 from cfid.console.labels import Note
 from cfid.console.messages import clock, echo, fitted
-from cfid.console.options import panel, positive
+from cfid.console.options import positive
 from cfid.console.recording import DryRun, Resume, ResumedRun, rig_of, run_to_resume
 from cfid.console.selection import interrupted
 from cfid.console.vehicle import CellRateHz, Motor, NoPreflight, Uri, motors_of
@@ -22,7 +24,6 @@ if TYPE_CHECKING:
     from cfid.motors.plan import StaircasePlan
     from cfid.records.campaign import Campaign
 
-_staircase_option, _instrument_option = panel("Staircase"), panel("Instrument")
 
 Tachometer = Literal["typed", "ut372", "lines", "deck", "brushless"]
 
@@ -33,11 +34,11 @@ _FORCES_HZ = 1000  # enough for means of steps; a rotor's speed from its vibrati
 _SECONDS = {"netft": (1.2, 0.8), "lines": (6.0, 2.0)}
 
 
-From = Annotated[int, _staircase_option("--from", min=0, max=FULL_COMMAND, help="First command.")]
-To = Annotated[int, _staircase_option("--to", min=0, max=FULL_COMMAND, help="Last command.")]
-Step = Annotated[int, _staircase_option(min=1, help="Difference between commands.")]
-Rest = Annotated[float, _staircase_option(metavar="S", help="Seconds of pause before, between and after the commands.")]
-Hold = Annotated[float, _staircase_option(metavar="S", help="Seconds at each command.")]
+From = Annotated[int, typer.Option("--from", metavar="C", min=0, max=FULL_COMMAND, help="First command.")]
+To = Annotated[int, typer.Option("--to", metavar="C", min=0, max=FULL_COMMAND, help="Last command.")]
+Step = Annotated[int, typer.Option(metavar="C", min=1, help="Difference between commands.")]
+Rest = Annotated[float, typer.Option(metavar="S", help="Seconds of pause around the commands.")]
+Hold = Annotated[float, typer.Option(metavar="S", help="Seconds at each command.")]
 
 
 def staircase_of(
@@ -68,11 +69,11 @@ def thrust(
     step: Step = 4000,
     hold: Annotated[
         float | None,
-        _staircase_option(metavar="S", help="Seconds at each command; default: 1.2, of a device that sends lines 6."),
+        typer.Option(metavar="S", help="Seconds at each command; default: 1.2, with lines 6."),
     ] = None,
     rest: Annotated[
         float | None,
-        _staircase_option(metavar="S", help="Seconds of pause around the commands; default: 0.8, with lines 2."),
+        typer.Option(metavar="S", help="Seconds of pause around the commands; default: 0.8, with lines 2."),
     ] = None,
     motor: Motor = None,
     rate_hz: CellRateHz = None,
@@ -84,7 +85,7 @@ def thrust(
 ) -> None:
     """Record load cell, commands and battery while the motors run a staircase up and down; Ctrl-C stops them.
 
-    Example: [bold]cfid log thrust --from 0 --to 64000 --step 4000 --motor 1,3[/bold]
+    Example: cfid log thrust --from 0 --to 64000 --step 4000 --motor 1,3
     """
     from cfid.motors.record import StaircaseRecording, record_forces
 
@@ -115,12 +116,13 @@ def speed(
     *,
     tachometer: Annotated[
         Tachometer | None,
-        _instrument_option(
-            help="Source of the speed: typed by you, a UT372, a device that sends lines, the RPM deck, or brushless "
-            "motors; default: typed, or that of the run to resume."
+        typer.Option(
+            metavar="SOURCE",
+            help="typed (by you), ut372, lines (of a device), deck (the RPM deck) or brushless (motors that report); "
+            "default: typed, or as the run to resume.",
         ),
     ] = None,
-    port: Annotated[str | None, _instrument_option(help="Port of the UT372; default: search for it.")] = None,
+    port: Annotated[str | None, typer.Option(metavar="PORT", help="Port of the UT372; default: search for it.")] = None,
     first: From = 0,
     last: To = 64000,
     step: Step = 4000,
@@ -135,7 +137,7 @@ def speed(
 ) -> None:
     """Record rotor speeds while motors run a staircase; Ctrl-C stops them. Enter alone skips a reading.
 
-    Example: [bold]cfid log speed --motor 1[/bold]
+    Example: cfid log speed --motor 1
     """
     from cfid.motors.record import StaircaseRecording, record_speed
 
@@ -165,9 +167,9 @@ def scales(
     *,
     port: Annotated[
         str | None,
-        _instrument_option(
-            help="Serial port of the scales; default: that of the run to resume, else scales in rig.toml that send "
-            "lines, else you type the readings."
+        typer.Option(
+            metavar="PORT",
+            help="Serial port of the scales; default: of the run to resume, else of rig.toml, else you type.",
         ),
     ] = None,
     first: From = 0,
@@ -184,7 +186,7 @@ def scales(
 ) -> None:
     """Record the readings of scales while motors run a staircase up and down (figure 3.9); Ctrl-C stops the motors.
 
-    Example: [bold]cfid log scales --motor 1,3[/bold]
+    Example: cfid log scales --motor 1,3
     """
     from cfid.motors.record import StaircaseRecording, record_scales
 

@@ -31,12 +31,12 @@ def report(
     kind: Kind = None,
     force: Annotated[bool, typer.Option("--force", help="Replace a file that cfid did not write.")] = False,
 ) -> None:
-    """Write a campaign's results to one file: main numbers, parameter sheet, and every experiment with its figures.
+    """Write one file of results: numbers, parameter sheet, figures.
 
     The page needs no network. It lists missing quantities with the commands that determine them, and compares
     experiments that measure the same property, and your vehicle with published values.
 
-    Example: [bold]cfid report --format tex[/bold]
+    Example: cfid report --format tex
     """
     found = here()
     formats: dict[str, Format] = {"": "html", **{f".{one}": one for one in get_args(Format)}}

@@ -52,7 +52,7 @@ def swing(
 
     Without mass and distance (from options, or from a mount in rig.toml), the fit gives only the natural frequency.
 
-    Example: [bold]cfid fit swing x.csv --mass-kg 0.028 --distance-m 0.022855[/bold]
+    Example: cfid fit swing x.csv --mass-kg 0.028 --distance-m 0.022855
     """
     from cfid.swing import result
 

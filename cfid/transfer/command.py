@@ -13,7 +13,7 @@ from cfid.console.labels import Note
 from cfid.console.lists import comma_list, measured
 from cfid.console.messages import clock, echo, fitted, print_json, printable, result
 from cfid.console.messages import note as print_note
-from cfid.console.options import Figures, Force, Geometry, Method, Out, YawDeg, finite, panel, positive
+from cfid.console.options import Figures, Force, Geometry, Method, Out, YawDeg, finite, positive
 from cfid.console.outcome import Delivery, deliver
 from cfid.console.program import program
 from cfid.console.recording import DryRun, Resume, ResumedRun, rig_of, run_to_resume
@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     from cfid.transfer.model import TransferFunction
     from cfid.transfer.plan import Sine, SineSweep
 
-_measured_option, _sine_option = panel("What was measured"), panel("Sine")
 _LONGEST_S = 600.0  # of a sine: longer than any battery lasts
 _USUAL_N = 4000
 _ROUNDING = 0.01  # of the distance between two frequencies: those that are typed are rounded
@@ -54,30 +53,29 @@ Words = Annotated[
 Plan = Literal["log", "thesis-first", "thesis-second"]
 Index = Annotated[
     Path | None,
-    _measured_option(
-        help="CSV file with one row per run: l,n,amplitude,motor,loadcell,crossings[,series]; paths are relative "
-        "to the file; a load cell is a file whose columns name their unit (Fz_n, Fz_counts) or a run."
+    typer.Option(
+        metavar="FILE",
+        help="CSV file with a row per run: l, n, amplitude, motor, loadcell, crossings, optionally series. A loadcell "
+        "is a run, or a file beside the index whose columns name their units.",
     ),
 ]
 Channel = Annotated[
     Literal["arm", "Tx", "Ty", "Fz"],
-    _measured_option(
-        help="Channel of the load cell: torque about the motor's own arm, torque about x or y, or the force."
-    ),
+    typer.Option(help="Torque about the motor's arm, x or y, or force."),
 ]
 Sign = Annotated[
     Literal["auto", "+", "-"],
-    _measured_option(help="Sign of thrust in the channel; auto: chosen so that thrust is positive."),
+    typer.Option(help="Sign of thrust in the channel."),
 ]
 ArmMm = Annotated[
     str | None,
-    _measured_option(
+    typer.Option(
         metavar="MM[:STD]",
-        help="Distance from the load cell's z axis to the motor's; default: the run's, else rig.toml's.",
+        help="From the load cell's z axis to the motor's; default: the run's, else rig.toml's.",
     ),
 ]
 Offset = Annotated[
-    float, _measured_option(min=0, max=FULL_COMMAND, help="B of eq. 3.6, the offset of the command, for files.")
+    float, typer.Option(min=0, max=FULL_COMMAND, metavar="C", help="B of eq. 3.6, offset of the command, for files.")
 ]
 
 
@@ -92,7 +90,9 @@ def identify(
     offset: Offset = 30000.0,
     shape: Annotated[
         Literal["first", "first+delay", "second", "zero", "auto"],
-        typer.Option(help="Model: a lag alone, with delay, with a second lag, or with a zero; auto: by corrected AIC."),
+        typer.Option(
+            metavar="MODEL", help="Lags and delay: first, first+delay, second, zero; or auto, by corrected AIC."
+        ),
     ] = "first+delay",
     geometry: Geometry = None,
     method: Method = "default",
@@ -104,7 +104,7 @@ def identify(
 
     H(z) is given in z^-1 with the denominator's leading 1. The delay is relative to the timestamps of the reports.
 
-    Example: [bold]cfid tf identify 2026-11-21_083012_sine_l1 2026-11-21_083030_sine_l2 ...[/bold]
+    Example: cfid tf identify --shape second
     """
     from cfid import transfer
 
@@ -184,7 +184,7 @@ def verify(
 ) -> None:
     """Simulate the campaign's transfer function against runs that were left out of its fit.
 
-    Example: [bold]cfid tf verify 2026-11-21_083012_sine_l12[/bold]
+    Example: cfid tf verify 2026-11-21_083012_sine_l12
     """
     from cfid import transfer
 
@@ -296,27 +296,26 @@ def sine(
     *,
     hz: Annotated[
         str | None,
-        _sine_option(metavar="HZ,HZ,...", help="Frequencies of the sines, one run each; default: those of --plan."),
+        typer.Option(metavar="HZ,HZ,...", help="Frequencies, one run each; default: those of --plan."),
     ] = None,
     plan: Annotated[
         Plan,
-        _sine_option(
-            help="log: about twenty sines up to 12.5 Hz; thesis-...: a series of table 3.1 with its duration, A and "
-            "motor (most of its frequencies are reconstructed)."
+        typer.Option(
+            metavar="PLAN",
+            help="log: twenty sines up to 12.5 Hz; thesis-first, thesis-second: a series of table 3.1, with its "
+            "duration, A and motor.",
         ),
     ] = _USUAL_PLAN,
-    for_s: Annotated[float | None, _sine_option("--for", metavar="S", help="Seconds of each sine; default: 8.")] = None,
+    for_s: Annotated[float | None, typer.Option("--for", metavar="S", help="Seconds of each sine; default: 8.")] = None,
     amplitude: Annotated[
         int | None,
-        _sine_option(min=1, max=FULL_COMMAND, help="A, the amplitude in units of the command; default: 20000."),
+        typer.Option(min=1, max=FULL_COMMAND, metavar="C", help="A, amplitude of the command; default: 20000."),
     ] = None,
     motor: Annotated[
         list[str] | None,
-        _sine_option(
-            metavar="1,3", help="Motors to use one after the other, separated by commas; 0 is all at once; default: 1."
-        ),
+        typer.Option(metavar="1,3", help="Motors, one after the other; 0 is all; default: 1."),
     ] = None,
-    force: Annotated[bool, _sine_option("--force", help="Allow an amplitude that clips.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Allow an amplitude that clips.")] = False,
     rate_hz: CellRateHz = None,
     resume: Resume = False,
     uri: Uri = None,
@@ -328,7 +327,7 @@ def sine(
 
     The duration is printed before the first motor turns.
 
-    Example: [bold]cfid log sine --hz 0.25,0.5,1,2,4,8 --amplitude 20000 --motor 1[/bold]
+    Example: cfid log sine --hz 0.25,0.5,1,2,4,8 --amplitude 20000 --motor 1
     """
     from cfid.transfer.record import record_sines
 

@@ -34,9 +34,9 @@ def validate(
     figures: Figures = None,
     out: Out = None,
 ) -> None:
-    """Compare how well parameter sets predict a flight that none of them was fitted to.
+    """Compare how well parameter sets predict a flight new to them.
 
-    Example: [bold]cfid validate log15.usd --with thesis --with gym-pybullet-drones[/bold]
+    Example: cfid validate log15.usd --with thesis --with gym-pybullet-drones
     """
     from cfid.console.messages import note
     from cfid.flight.data import read_flight

@@ -19,9 +19,11 @@ def watch(
     ] = None,
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port of the page; default: any free one.")] = 0,
 ) -> None:
-    """Show a run in the browser while it is recorded, with a button that stops all motors; Ctrl-C ends the command.
+    """Show a run in the browser as it is recorded, and stop its motors.
 
-    Example: [bold]cfid watch[/bold]
+    Ctrl-C ends the command.
+
+    Example: cfid watch
     """
     from cfid.errors import ConfigError
     from cfid.records.campaign import Campaign, find_folder

@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from cfid.cli.main import app
-from cfid.cli.table import COMMANDS, GROUPS
+from cfid.cli.table import COMMANDS, GROUPS, SECTIONS
 
 MODULES = {path: function.partition(":")[0] for path, function in COMMANDS.items() if function is not None}
 
@@ -23,7 +23,7 @@ def shown(*words: str) -> str:
     """Return what a program's help shows, on one line."""
     ended = CliRunner().invoke(app, [*words, "--help"])
     assert ended.exit_code == 0
-    return " ".join(ended.output.replace("│", " ").split())
+    return " ".join(ended.output.split())
 
 
 def test_every_command_and_group_stands_in_a_list_and_has_help_with_an_example() -> None:
@@ -39,6 +39,20 @@ def test_a_list_states_the_first_sentences_of_the_docstrings() -> None:
     assert "new Make a campaign folder with a commented rig.toml. " in shown()
     assert "log Record data from the rig. " in shown()
     assert "swing Fit the nonlinear equation of a pendulum" in shown("fit")
+
+
+@pytest.mark.parametrize(("group", "lines"), [("fit", 40), ("tf", 40), ("log", 45)])
+def test_help_fits_a_screen_of_80_columns(group: str, lines: int) -> None:
+    for path in COMMANDS:
+        if path.startswith(f"{group} "):
+            printed = CliRunner(env={"COLUMNS": "80"}).invoke(app, [*path.split(), "--help"]).output.splitlines()
+            assert len(printed) <= lines, path
+            assert max(map(len, printed)) <= 80, path
+
+
+def test_the_sections_of_the_list_name_each_command_once() -> None:
+    top = [path for path in COMMANDS if " " not in path]
+    assert sorted(word for words in SECTIONS.values() for word in words) == sorted(top)
 
 
 @pytest.mark.parametrize("words", [("--help",), ("fit", "nonsense"), ("log",)], ids=" ".join)

@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from cfid.motors.vibration.data import Rotors
     from cfid.recordings.wrench import WrenchRecord
 
-_INPUT, _VIBRATION = "What was measured", "Speed from vibration"
 
 Words = Annotated[
     list[str] | None,
@@ -43,11 +42,11 @@ Words = Annotated[
 
 Table = Annotated[
     Path | None,
-    typer.Option(help="Table with columns cmd, thrust_n, ..., or a thrust stand's CSV file.", rich_help_panel=_INPUT),
+    typer.Option(metavar="FILE", help="Table cmd, thrust_n, ..., or a stand's CSV file."),
 ]
 Motors = Annotated[
     int | None,
-    typer.Option(min=1, max=4, help="Number of motors that ran, for files; runs state it.", rich_help_panel=_INPUT),
+    typer.Option(metavar="N", min=1, max=4, help="Motors that ran, for files."),
 ]
 
 
@@ -62,8 +61,8 @@ def thrust(
     verify: Annotated[
         list[Path] | None,
         typer.Option(
-            help="Readings of scales to compare with: a table cmd,grams, or a run of cfid log scales (figure 3.9); "
-            "can be repeated."
+            metavar="FILE|RUN",
+            help="Scales to compare with: a table cmd,grams, or a run of cfid log scales; can be repeated.",
         ),
     ] = None,
     geometry: Geometry = None,
@@ -75,7 +74,7 @@ def thrust(
 ) -> None:
     """Fit one motor's thrust over command, its inverse and largest thrust, and thrust over a logged voltage.
 
-    Example: [bold]cfid fit thrust 2026-11-21_083012_thrust[/bold]
+    Example: cfid fit thrust 2026-11-21_083012_thrust
     """
     from cfid.motors.maps import fit_thrust
     from cfid.motors.maps.data import Stand, read_evidence
@@ -104,14 +103,13 @@ def speed(
         bool,
         typer.Option(
             "--vibration",
-            help="List the speeds of one run or load-cell file, estimated from vibration, without fitting a map.",
-            rich_help_panel=_VIBRATION,
+            help="List one recording's speeds from vibration; fit no map.",
         ),
     ] = False,
-    blades: Annotated[int, typer.Option(min=1, max=6, help="Blades per propeller.", rich_help_panel=_VIBRATION)] = 2,
+    blades: Annotated[int, typer.Option(metavar="N", min=1, max=6, help="Blades per propeller.")] = 2,
     expect: Annotated[
         str | None,
-        typer.Option(metavar="FROM,TO", help="Range of speeds to search, in rad/s.", rich_help_panel=_VIBRATION),
+        typer.Option(metavar="FROM,TO", help="Range of speeds to search, in rad/s."),
     ] = None,
     geometry: Geometry = None,
     method: Method = "default",
@@ -123,7 +121,7 @@ def speed(
 
     Without a tachometer, the speed is estimated from the load cell's vibration.
 
-    Example: [bold]cfid fit speed --table rpm.csv --markers 2[/bold]
+    Example: cfid fit speed --table rpm.csv --markers 2
     """
     from cfid.motors.maps import fit_speed
     from cfid.motors.maps.data import Stand, read_evidence
@@ -160,7 +158,7 @@ def torque(
 ) -> None:
     """Fit one motor's torque over its thrust.
 
-    Example: [bold]cfid fit torque 2026-11-21_083012_thrust[/bold]
+    Example: cfid fit torque 2026-11-21_083012_thrust
     """
     from cfid.motors.maps import fit_torque
     from cfid.motors.maps.data import Stand, read_evidence

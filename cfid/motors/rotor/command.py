@@ -31,7 +31,7 @@ def dynamics(
 ) -> None:
     """Fit how rotors follow commands: one rotor model for steps, staircases, logs and stands.
 
-    Example: [bold]cfid fit dynamics 2026-11-21_083012_speed[/bold]
+    Example: cfid fit dynamics 2026-11-21_083012_speed
     """
     from cfid.errors import ConfigError
     from cfid.motors.rotor import fit
