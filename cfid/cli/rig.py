@@ -80,7 +80,9 @@ def _judged_signals(rig: "Rig", identified: "Mapping[str, Sequence[DeviceAnswer]
         try:
             with ExitStack() as held:
                 instrument = instrument_of(held)
-                answers |= judged({name: instrument.record}, look([instrument], hardware, for_s=for_s), stated.check)
+                sampled = look([instrument], hardware, for_s=for_s)
+                supply = devices.crazyflie.supply
+                answers |= judged({name: instrument.record}, sampled, stated.check, supply=supply)
         except DeviceError as error:
             answers[name] = [DeviceAnswer("signals", "fault", str(error))]
     return answers
@@ -157,7 +159,7 @@ def sim(
                 weight_g=weight,
             )
             served = ServedRig(rig, reactor=loop, folder=Path(folder))
-            devices = devices_at(served.open(), campaign.rig.devices)
+            devices = devices_at(served.open(), campaign.rig.devices, supply=rig.on_supply)
             try:
                 with published(campaign.folder, devices, seed=seed) as path:
                     echo(f"{path}: cfid's commands use the simulated rig until this ends (Ctrl-C).", err=True)

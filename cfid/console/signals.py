@@ -61,12 +61,13 @@ def judged(
     limits: CheckLimits,
     *,
     plan: Sequence[Held] = (),
+    supply: bool,
     calm: bool = True,
 ) -> Answers:
     """Return the answers about each device that was sampled.
 
-    The battery has to last for the `plan`, if there is one. In wind, which is not `calm`, a load cell's noise and
-    drift have no limit.
+    The battery has to last for the `plan`, if there is one; the voltage of a `supply` has no limit. In wind, which is
+    not `calm`, a load cell's noise and drift have no limit.
     """
     answers: Answers = {}
     for name, record in records.items():
@@ -83,7 +84,8 @@ def judged(
         elif name == "loadcell":
             answers[name] += _load_at_rest(record, device, limits, calm=calm)
         elif BATTERY in device.columns:
-            answers[name].append(_battery(float(np.median(device.columns[BATTERY])), limits, plan))
+            volts = float(np.median(device.columns[BATTERY]))
+            answers[name].append(_charge(volts, limits, plan, supply=supply))
     return answers
 
 
@@ -93,6 +95,7 @@ def quick(
     hardware: Hardware,
     limits: CheckLimits,
     *,
+    supply: bool,
     calm: bool = True,
 ) -> str:
     """Look at load cell and vehicle for one second, note each exceeded limit, and return the battery's state.
@@ -103,7 +106,8 @@ def quick(
     for _ in range(2):
         instruments = devices()
         records = {instrument.name: instrument.record for instrument in instruments}
-        answers = judged(records, look(instruments, hardware, for_s=_QUICK_S), limits, plan=plan, calm=calm)
+        sampled = look(instruments, hardware, for_s=_QUICK_S)
+        answers = judged(records, sampled, limits, plan=plan, supply=supply, calm=calm)
         faults = {answer.asked for answer in answers.get("loadcell", ()) if answer.state == "fault"}
         if not faults & _WORTHLESS:
             break
@@ -117,7 +121,8 @@ def quick(
         raise DeviceError(f"not recorded: {' '.join(lines)} `no_preflight` records nevertheless.")
     for line in lines:
         note(line)
-    return next((f"; battery {answer.answer}" for _, answer in facts if answer.asked == _CHARGE), "")
+    source = "" if supply else "battery "
+    return next((f"; {source}{answer.answer}" for _, answer in facts if answer.asked == _CHARGE), "")
 
 
 def _rate(record: DeviceRecord, sampled: Sampled, limits: CheckLimits) -> list[DeviceAnswer]:
@@ -190,8 +195,10 @@ def _noise_and_drift(values: Array) -> tuple[Array, Array, Array]:
     return residual.std(axis=0), np.abs(slope), np.maximum(np.abs(slope) - _SURE * std, 0.0)
 
 
-def _battery(volts: float, limits: CheckLimits, plan: Sequence[Held]) -> DeviceAnswer:
-    """Judge the battery by its voltage, and by how long it lasts; only a warning, since a supply does not run empty."""
+def _charge(volts: float, limits: CheckLimits, plan: Sequence[Held], *, supply: bool) -> DeviceAnswer:
+    """Judge a battery by its voltage, and by how long it lasts; a warning at most."""
+    if supply:
+        return _answer(_CHARGE, f"{volts:.2f} V of a supply", "", "", within=True)
     lasting = endurance(volts, plan) if plan else None
     answer, limit, within = f"{volts:.2f} V", f"{limits.battery_v:g} V", volts >= limits.battery_v
     if lasting is not None:

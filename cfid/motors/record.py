@@ -168,7 +168,8 @@ def _record(
         if not wanted.preflight:
             effort += NOT_READ
         else:
-            effort += quick(looked_at, staircase.held, rig.hardware, stated.check, calm=wanted.calm)
+            supply = rig.devices.crazyflie.supply
+            effort += quick(looked_at, staircase.held, rig.hardware, stated.check, supply=supply, calm=wanted.calm)
         confirm(crazyflie, staircase.motors, staircase.steps, effort=effort, ring=live.ring)
         markers, platform = stated.facts.tachometer.markers, stated.vehicle.platform
         expected = expected_of(reading, motors=len(staircase.motors), markers=markers, platform=platform)

@@ -489,13 +489,17 @@ ServicePort = Annotated[int, Field(strict=True, ge=0, le=15)]
 
 
 class CrazyflieLink(RigTable):
-    """Address of the vehicle, found by radio where none is given. The ports are those of cfid's app."""
+    """Address of the vehicle, found by radio where none is given. The ports are those of cfid's app.
+
+    A `supply` feeds it in place of a battery, so that no charge has to last for a recording.
+    """
 
     uri: str = ""
     thrust_port: ServicePort = 10
     sine_port: ServicePort = 11
     ping_port: ServicePort = 12
     largest_command: Annotated[int, Field(strict=True, ge=0, le=FULL_COMMAND)] = FULL_COMMAND
+    supply: bool = False
     stop_below_v: Positive | None = None
 
 

@@ -104,6 +104,7 @@ class SimulatedRig:
         box = NetFTBox(load_cell=cell, plant=self._wrench_at, powered_s=opened_s)
         self.loadcell = FaultyNetFT(box, loadcell_faults, opened_s=opened_s, rng=fault_rng)
         self._body_n = np.append(truth.wind.body_n, np.zeros(3))
+        self.on_supply = truth.battery.kind == "supply"
         self._propulsion = Propulsion(
             truth.rotors,
             truth.battery,

@@ -273,8 +273,11 @@ class ServedRig:
         return gatherResults(closing)
 
 
-def devices_at(where: Addresses, devices: Devices) -> Devices:
-    """Return a rig's devices at the addresses of the simulated ones, whose lines all have one form."""
+def devices_at(where: Addresses, devices: Devices, *, supply: bool) -> Devices:
+    """Return a rig's devices at the addresses of the simulated ones, whose lines all have one form.
+
+    A `supply` feeds the simulated vehicle, or a battery.
+    """
     encoder, loadcell = devices.encoder, devices.loadcell
     own_form = {"pattern": ""}
     box = {
@@ -290,7 +293,7 @@ def devices_at(where: Addresses, devices: Devices) -> Devices:
         loadcell=loadcell.model_copy(
             update={"port": str(where.loadcell_port), **own_form} if isinstance(loadcell, LoadCellLines) else box
         ),
-        crazyflie=devices.crazyflie.model_copy(update={"uri": where.crazyflie_uri}),
+        crazyflie=devices.crazyflie.model_copy(update={"uri": where.crazyflie_uri, "supply": supply}),
         tachometer=devices.tachometer,
         scales=devices.scales,
     )

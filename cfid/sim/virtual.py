@@ -200,7 +200,7 @@ class Virtual(Hardware):
         encoder, *others = map(Path, self.ports)
         box, port = self._box
         where = Addresses(encoder, others[0] if others else None, box, port, port, port, self._uri)
-        return devices_at(where, rig.devices), True
+        return devices_at(where, rig.devices, supply=self.rig.on_supply), True
 
     def serial_ports(self) -> list[tuple[str, str]]:
         """Return the ports of the devices that have a name, while they are plugged in."""

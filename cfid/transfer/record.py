@@ -95,7 +95,8 @@ def record_sines(
 def _quick(cell: LoadCellBox | LoadCellLines, rig: Rig, log: Callable[[], Instrument], plan: Sequence[Held]) -> str:
     with ExitStack() as stream:
         loadcell = ready_loadcell(cell, rig.hardware, stream, say=speech, patient=False)
-        return quick(lambda: [loadcell, log()], plan, rig.hardware, rig.campaign.rig.check)
+        supply = rig.devices.crazyflie.supply
+        return quick(lambda: [loadcell, log()], plan, rig.hardware, rig.campaign.rig.check, supply=supply)
 
 
 def _play(

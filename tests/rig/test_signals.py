@@ -134,7 +134,7 @@ def test_a_device_that_falls_silent_is_a_fault(lab: Lab) -> None:
 def facts(device: str, columns: dict[str, Array], *, lost: int | None = 0, **record: Any) -> dict[str, DeviceAnswer]:
     """Return the answers about a device with the usual limits."""
     stated = DeviceRecord(file=f"{device}.csv", columns=tuple(columns), **record)
-    (own,) = judged({device: stated}, {device: Sampled(columns, lost)}, CheckLimits()).values()
+    (own,) = judged({device: stated}, {device: Sampled(columns, lost)}, CheckLimits(), supply=False).values()
     return {answer.asked: answer for answer in own}
 
 
@@ -178,25 +178,32 @@ def test_a_battery_has_to_last_for_the_plan(volts: float, state: str) -> None:
     columns = {"t": np.arange(100) / 100, "pm.vbat": np.full(100, volts)}
     stated = DeviceRecord(file="crazyflie.csv", columns=tuple(columns))
     plan = [Held(30000, 4, 300.0)]
-    (own,) = judged({"crazyflie": stated}, {"crazyflie": Sampled(columns)}, CheckLimits(), plan=plan).values()
+    sampled = {"crazyflie": Sampled(columns)}
+    (own,) = judged({"crazyflie": stated}, sampled, CheckLimits(), plan=plan, supply=False).values()
+    (on_supply,) = judged({"crazyflie": stated}, sampled, CheckLimits(), plan=plan, supply=True).values()
 
     assert own[-1].state == state
+    assert on_supply[-1].state == "ok"
 
 
 # Before each recording with motors
 
 
-@pytest.mark.parametrize(("battery", "is_enough"), [(FULL, True), ({}, False)])
+@pytest.mark.parametrize(
+    ("battery", "charge_it"),
+    [({"kind": "lipo"}, False), ({"kind": "lipo", "charge": 0.1}, True), ({"kind": "supply", "volts": 3.7}, False)],
+    ids=["full", "low", "supply"],
+)
 def test_a_battery_too_small_for_the_plan_is_noted_before_the_question(
-    tmp_path: Path, battery: dict[str, Any], is_enough: bool
+    tmp_path: Path, battery: dict[str, Any], charge_it: bool
 ) -> None:
-    with bench_in(tmp_path, **battery) as bench:
-        pilot = bench.start("log", "thrust", *(STAIRS[2:] if is_enough else ("--hold", 10)))
+    with bench_in(tmp_path, battery=battery) as bench:
+        pilot = bench.start("log", "thrust", "--from", 20000, "--to", 20000, "--hold", 250)
         assert pilot.end() == 2
         assert len(bench.history) == 1
     before, _, question = pilot.err.partition("will turn at commands")
-    assert ("charge it" in before) != is_enough
-    assert ("0:02 min" if is_enough else "5:57 min") in question
+    assert ("charge it" in before) == charge_it
+    assert "4:11 min" in question
 
 
 def test_a_cell_near_its_range_is_not_recorded_unless_nobody_looks(tmp_path: Path) -> None:
