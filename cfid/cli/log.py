@@ -8,7 +8,7 @@ import typer
 from cfid.console.labels import AtMm, Axis, Body, Note, Pull, Weight, kind_of_angles, label_of, with_load
 from cfid.console.live import LiveLine
 from cfid.console.options import positive
-from cfid.console.recording import DryRun, ForS, record, rehearse, rig_of
+from cfid.console.recording import DryRun, ForS, record, rehearse_devices, rig_of
 from cfid.console.vehicle import Uri, reach
 from cfid.experiments import judge_of
 
@@ -46,7 +46,7 @@ def encoder(
         simulated=rig.simulated,
     )
     if dry_run:
-        rehearse("the encoder", plan.runs_folder, plan.for_s)
+        rehearse_devices("log encoder", "the encoder", plan.runs_folder, plan.for_s)
         return
     live = LiveLine()
     with ExitStack() as held:
@@ -84,7 +84,7 @@ def gyro(
         simulated=rig.simulated,
     )
     if dry_run:
-        rehearse("gyro and accelerometer", plan.runs_folder, plan.for_s)
+        rehearse_devices("log gyro", "gyro and accelerometer", plan.runs_folder, plan.for_s)
         return
     live = LiveLine()
     with ExitStack() as held:
@@ -127,7 +127,7 @@ def loadcell(
         facts=rig.campaign.rig.facts.of("loadcell", "scales"),
     )
     if dry_run:
-        rehearse("the load cell", plan.runs_folder, plan.for_s)
+        rehearse_devices("log loadcell", "the load cell", plan.runs_folder, plan.for_s)
         return
     live = LiveLine()
     with ExitStack() as held:

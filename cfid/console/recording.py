@@ -9,13 +9,14 @@ import typer
 
 from cfid.console.campaign import here
 from cfid.console.live import LiveLine
-from cfid.console.messages import clock, echo, note, print_json
+from cfid.console.messages import clock, echo, fitted, note, print_json
 from cfid.console.program import program
 from cfid.console.run_summary import Judge, judged, print_summary, stop_line, summary
 from cfid.errors import CfidError, ConfigError, DataError
 from cfid.records.choose import LAST
 from cfid.records.files import RUN_FILE
 from cfid.records.run import read_run
+from cfid.version import __version__
 
 if TYPE_CHECKING:
     from cfid.records.campaign import Campaign
@@ -94,10 +95,19 @@ def effort_of(seconds: float, runs_folder: Path, *, rate_hz: float) -> str:
     return f", for {clock(seconds)} min (about {max(needed / 1e6, 1):.0f} MB; {free / 1e9:.1f} GB are free)"
 
 
-def rehearse(what: str, runs_folder: Path, for_s: float | None) -> None:
-    """Print what would be recorded, where and for how long, without opening a device."""
+def rehearse(command: str, lines: Sequence[str], **facts: Any) -> None:
+    """Print what a command would record, without opening a device: lines, or the `facts` as the object of --json."""
+    if program().json:
+        print_json({"command": command, "dry_run": True, **facts, "version": __version__})
+    else:
+        echo(fitted("\n".join(lines)))
+
+
+def rehearse_devices(command: str, what: str, runs_folder: Path, for_s: float | None) -> None:
+    """Print which devices would be recorded, where, and for how many seconds; None is until Ctrl-C."""
     lasts = "until Ctrl-C" if for_s is None else f"{for_s:g} s"
-    echo(f"would record {what} into {runs_folder}: {lasts}. Nothing was opened.")
+    line = f"would record {what} into {runs_folder}: {lasts}. Nothing was opened."
+    rehearse(command, [line], records=what, runs_folder=str(runs_folder), lasts_s=for_s)
 
 
 def record(

@@ -13,10 +13,9 @@ import typer
 from cfid.console.inputs import Workplace, find_recording, open_workplace
 from cfid.console.labels import Note
 from cfid.console.lists import comma_list
-from cfid.console.messages import echo, fitted
 from cfid.console.options import Figures, FlipFz, Force, Geometry, Markers, Method, Out, YawDeg, finite, positive
 from cfid.console.outcome import Delivery, deliver
-from cfid.console.recording import Resume, ResumedRun, rig_of, run_to_resume
+from cfid.console.recording import Resume, ResumedRun, rehearse, rig_of, run_to_resume
 from cfid.console.selection import chosen, interrupted
 from cfid.console.vehicle import CellRateHz, NoPreflight, Uri
 from cfid.drag.plan import (
@@ -32,7 +31,7 @@ from cfid.drag.plan import (
 )
 from cfid.errors import ConfigError
 from cfid.lazy import later
-from cfid.motors.command import announce
+from cfid.motors.command import plan_facts, plan_line
 from cfid.motors.plan import LONGEST_STEP_S, StaircasePlan, missing
 from cfid.recordings.vehicle import READINGS
 from cfid.records.choose import labelled
@@ -107,9 +106,7 @@ def wind(
     campaign, simulated = rig.campaign, rig.simulated
     staircase = wind_staircase(commands, hold, rest)
     if dry_run and wind is None and word is None:
-        announce(staircase)
-        for line in missing_lines(_recorded(campaign, simulated=simulated)):
-            echo(fitted(line))
+        _rehearse(None, staircase, _recorded(campaign, simulated=simulated), asks=False)
         return
     resumed = None if word is None else interrupted(word, campaign, kind=KIND)
     if resumed is None:
@@ -120,7 +117,7 @@ def wind(
         setting, staircase = setting_of(read_run(resumed)), missing(resumed, kind=KIND)
     asks = (tachometer or _tachometer_of(resumed)) == "typed" and not setting.is_reference
     if dry_run:
-        _announce(setting, staircase, _recorded(campaign, simulated=simulated), asks=asks)
+        _rehearse(setting, staircase, _recorded(campaign, simulated=simulated), asks=asks)
         return
     recording = StaircaseRecording(
         kind=KIND,
@@ -183,13 +180,14 @@ def _tachometer_of(resume: Path | None) -> str:
     return "typed" if resume is None or READINGS in read_run(resume).header.devices else "none"
 
 
-def _announce(setting: "WindSetting", staircase: "StaircasePlan", done: "Sequence[PlannedRun]", *, asks: bool) -> None:
-    echo(setting.sentence)
-    announce(staircase)
+def _rehearse(
+    setting: "WindSetting | None", staircase: "StaircasePlan", done: "Sequence[PlannedRun]", *, asks: bool
+) -> None:
+    lines = [plan_line(staircase)] if setting is None else [setting.sentence, plan_line(staircase)]
     if asks:
-        echo(fitted(f"and as long as it takes to read a tachometer {sum(map(bool, staircase.steps))} times"))
-    for line in missing_lines(done):
-        echo(fitted(line))
+        lines.append(f"and as long as it takes to read a tachometer {sum(map(bool, staircase.steps))} times")
+    facts = plan_facts(staircase) | ({} if setting is None else setting.to_run())
+    rehearse("log wind", [*lines, *missing_lines(done)], **facts, missing_runs=len(missing_runs(done)))
 
 
 def _missing(done: "Sequence[PlannedRun]") -> Mapping[str, Any]:

@@ -9,7 +9,7 @@ from cfid.console.inputs import find_recording, open_workplace
 from cfid.console.labels import Note
 from cfid.console.options import Figures, Force, Out
 from cfid.console.outcome import Delivery, deliver
-from cfid.console.recording import DryRun, rehearse, rig_of
+from cfid.console.recording import DryRun, rehearse_devices, rig_of
 from cfid.console.selection import chosen
 from cfid.console.vehicle import Uri
 from cfid.counted import counted
@@ -64,7 +64,7 @@ def ping(
 
     rig = rig_of()
     if dry_run:
-        rehearse(counted(count, "ping"), rig.campaign.runs_folder, count * _EVERY_S)
+        rehearse_devices("log ping", counted(count, "ping"), rig.campaign.runs_folder, count * _EVERY_S)
         return
     record_pings(
         count=count,

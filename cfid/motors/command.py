@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 import typer
 
 from cfid.console.labels import Note
-from cfid.console.messages import clock, echo, fitted
+from cfid.console.messages import clock
 from cfid.console.options import positive
-from cfid.console.recording import DryRun, Resume, ResumedRun, rig_of, run_to_resume
+from cfid.console.recording import DryRun, Resume, ResumedRun, rehearse, rig_of, run_to_resume
 from cfid.console.selection import interrupted
 from cfid.console.vehicle import CellRateHz, Motor, NoPreflight, Uri, motors_of
 from cfid.counted import counted
@@ -97,7 +97,7 @@ def thrust(
     wanted = staircase_of(motors_of(motor, (1, 3)), first, last, step, hold_s=hold_s, rest_s=rest_s, falls=True)
     wanted = _remaining("thrust", wanted, word, rig.campaign)
     if dry_run:
-        announce(wanted)
+        rehearse("log thrust", [plan_line(wanted)], **plan_facts(wanted))
         return
     recording = StaircaseRecording(
         kind="thrust",
@@ -148,7 +148,7 @@ def speed(
     wanted = staircase_of(motors_of(motor, (1,)), first, last, step, hold_s=hold, rest_s=rest)
     wanted = _remaining("speed", wanted, word, rig.campaign)
     if dry_run:
-        announce(wanted)
+        rehearse("log speed", [plan_line(wanted)], **plan_facts(wanted))
         return
     recording = StaircaseRecording(
         kind="speed",
@@ -195,7 +195,7 @@ def scales(
     wanted = _remaining("scales", wanted, word, rig.campaign)
     known = _scales_of(word, rig.campaign)
     if dry_run:
-        announce(wanted)
+        rehearse("log scales", [plan_line(wanted)], **plan_facts(wanted))
         return
     recording = StaircaseRecording(
         kind="scales",
@@ -209,15 +209,19 @@ def scales(
     record_scales(recording, port=port or known.get("port"), baud=known.get("baud") or _SCALES_BAUD)
 
 
-def announce(staircase: "StaircasePlan") -> None:
-    """Print what a staircase would do."""
+def plan_facts(staircase: "StaircasePlan") -> dict[str, Any]:
+    """Return the facts of a staircase, in the form of --json."""
+    return {**staircase.to_run(), "lasts_s": staircase.duration_s}
+
+
+def plan_line(staircase: "StaircasePlan") -> str:
+    """Return a line on what a staircase does."""
     steps, motors = staircase.steps, ", ".join(map(str, staircase.motors))
     several = "s" * (len(staircase.motors) > 1)
-    text = (
+    return (
         f"{counted(len(steps), 'command')} from {min(steps)} to {max(steps)} on motor{several} {motors}, "
         f"{staircase.hold_s:g} s each with {staircase.rest_s:g} s of pause: {clock(staircase.duration_s)} min"
     )
-    echo(fitted(text))
 
 
 def _tachometer_of(word: Path | None, campaign: "Campaign") -> Tachometer:

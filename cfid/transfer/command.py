@@ -16,7 +16,7 @@ from cfid.console.messages import note as print_note
 from cfid.console.options import Figures, Force, Geometry, Method, Out, YawDeg, finite, positive
 from cfid.console.outcome import Delivery, deliver
 from cfid.console.program import program
-from cfid.console.recording import DryRun, Resume, ResumedRun, rig_of, run_to_resume
+from cfid.console.recording import DryRun, Resume, ResumedRun, rehearse, rig_of, run_to_resume
 from cfid.console.run_summary import stop_line, verdict_line
 from cfid.console.selection import chosen, interrupted
 from cfid.console.vehicle import CellRateHz, NoPreflight, Uri, motors_of
@@ -354,7 +354,8 @@ def sine(
         frequencies = ", ".join(dict.fromkeys(f"{own.hz:g}" for own in sines))
         print_note(f"{frequencies} Hz: {sweep.text}")
     if dry_run:
-        echo(lasts)
+        facts = {"hz": [own.hz for own in sines], "motors": sweep.motors, "amplitude": sweep.amplitude}
+        rehearse("log sine", [lasts], **facts, lasts_s=len(sines) * each_s)
         return
     print_note(lasts)
     json = program().json

@@ -84,6 +84,31 @@ def test_a_dry_run_opens_nothing(tmp_path: Path, words: str, number: str) -> Non
     assert not (tmp_path / "runs").exists()
 
 
+@pytest.mark.parametrize(
+    ("words", "lasts_s"),
+    [
+        ("encoder --axis x --for 20", 20.0),
+        ("gyro --axis x", None),
+        ("loadcell --for 3", 3.0),
+        ("ping --count 200", 20.0),
+        ("thrust --step 32000 --hold 2 --rest 1", 16.0),
+        ("scales --step 32000 --hold 2 --rest 1", 16.0),
+        ("speed --from 8000 --to 8000 --hold 2 --rest 1", 4.0),
+        ("sine --hz 0.5 --for 4", 7.5),
+        ("wind --commands 10000 --hold 2 --rest 1", 4.0),
+        ("wind --wind 0 --commands 10000 --hold 2 --rest 1", 4.0),
+    ],
+)
+def test_a_dry_run_prints_one_json_object_with_its_duration(tmp_path: Path, words: str, lasts_s: float | None) -> None:
+    new_campaign(tmp_path)
+    ended = run_cfid(["log", *words.split(), "--dry-run", "--json"], tmp_path)
+
+    content = json.loads(ended.stdout)
+    assert content["command"] == f"log {words.split(maxsplit=1)[0]}"
+    assert content["dry_run"]
+    assert content["lasts_s"] == lasts_s
+
+
 # What the run states
 
 
