@@ -101,26 +101,43 @@ def _weighing(run: Run, readings: Mapping[str, _Readings]) -> Weighing:
 def weighed_thrusts(run: Run, *, gravity_mps2: float) -> WeighedThrusts:
     """Return one motor's thrusts by the scales of a run, which is compared with a part's weight at rest if it has none.
 
-    Their standard uncertainty is that of a digit of the display, at the reading and at rest; the latter is common to
-    all. Raises DataError, and FitError as `scales_thrust_n`.
+    Raises as `thrust_points`.
     """
     readings = _readings(run)
-    weighing, part = _weighing(run, readings), list(readings.values())[-1]
-    thrust_n = weighing.thrust_n(gravity_mps2)[-len(part.command) :]
-    running = part.command > DEAD_COMMAND
+    part = list(readings.values())[-1]
+    points = thrust_points(
+        _weighing(run, readings),
+        last=len(part.command),
+        shown_g=part.digit_g,
+        gravity_mps2=gravity_mps2,
+        volts=part.volts,
+        source=str(run.folder),
+    )
+    return WeighedThrusts(points, part.source, part.findings)
+
+
+def thrust_points(
+    weighing: Weighing, *, last: int, shown_g: float, gravity_mps2: float, volts: Array | None, source: str
+) -> Points:
+    """Return one motor's thrusts by the `last` readings of scales, at logged voltages `volts` (last,).
+
+    Their standard uncertainty is that of the last digit `shown_g`, at the reading and at rest; the latter is common to
+    all. Raises FitError as `scales_thrust_n`.
+    """
+    command, thrust_n = weighing.command[-last:], weighing.thrust_n(gravity_mps2)[-last:]
+    running = command > DEAD_COMMAND
     at_rest = max(int(np.count_nonzero(weighing.command <= DEAD_COMMAND)), 1)
-    read_n = part.digit_g / math.sqrt(12) * 1e-3 * gravity_mps2 / weighing.motors
+    read_n = shown_g / math.sqrt(12) * 1e-3 * gravity_mps2 / weighing.motors
     count = int(np.count_nonzero(running))
-    points = frame(
-        part.command[running],
+    return frame(
+        command[running],
         thrust_n=thrust_n[running],
         thrust_std_n=np.full(count, read_n * math.sqrt(1 + 1 / at_rest)),
         thrust_shared_n=np.full((count, 1), read_n / math.sqrt(at_rest)),
         motors=float(weighing.motors),
-        vbat_v=None if part.volts is None else part.volts[running],
-        source=str(run.folder),
+        vbat_v=None if volts is None else volts[running],
+        source=source,
     )
-    return WeighedThrusts(points, part.source, part.findings)
 
 
 def _readings(run: Run) -> dict[str, _Readings]:
@@ -155,11 +172,11 @@ def _readings_of(run: Run) -> _Readings:
         rows, command, grams, ends_s = shown_at_commands(run, SCALES, "grams")
     else:
         raise DataError(f"{run.folder}: holds no scales: `cfid log scales` records them.")
-    digit_g = _digit_g(rows.columns["grams"])
-    return _Readings(command, grams, _volts(run, ends_s), digit_g, rows.source, rows.findings)
+    shown_g = digit_g(rows.columns["grams"])
+    return _Readings(command, grams, _volts(run, ends_s), shown_g, rows.source, rows.findings)
 
 
-def _digit_g(grams: Array) -> float:
+def digit_g(grams: Array) -> float:
     """Return the last digit of a display in g: the largest of which all readings (n,) are multiples."""
     whole = (g for g in _DIGITS_G if np.allclose(grams / g, np.round(grams / g), rtol=0, atol=1e-6))
     return next(whole, _DIGITS_G[-1])

@@ -11,7 +11,7 @@ import pytest
 
 from cfid.console.run_summary import judged, verdict_line
 from cfid.console.selection import chosen
-from cfid.errors import DataError, FitError
+from cfid.errors import ConfigError, DataError, FitError
 from cfid.motors.maps import fit_speed, fit_thrust, fit_torque
 from cfid.motors.maps.data import Stand
 from cfid.motors.maps.verdict import of_forces, of_readings
@@ -124,6 +124,20 @@ def test_the_last_digit_of_scales_is_seen_in_their_readings(
     weighed = weighed_thrusts(run, gravity_mps2=9.81)
 
     assert weighed.points["thrust_std_n"][0] == pytest.approx(digit_g * 9.81e-3 / np.sqrt(6))
+
+
+def test_a_table_of_scales_gives_the_map_of_a_run_with_the_same_readings(tmp_path: Path) -> None:
+    readings = {at: round(weight_g, 1) for at, weight_g in grams(0, *range(8000, 64001, 8000)).items()}
+    table = tmp_path / "scales.csv"
+    table.write_text("cmd,grams\n" + "".join(f"{at},{weight_g}\n" for at, weight_g in readings.items()))
+
+    by_run = fit_thrust(typed(tmp_path, "scales", readings, motors=(1, 3))).quantities["motor.thrust_poly"]
+    by_table = fit_thrust(table, stand=Stand(motors=2)).quantities["motor.thrust_poly"]
+
+    assert by_table.value == pytest.approx(by_run.value)
+    assert by_table.std == pytest.approx(by_run.std)
+    with pytest.raises(ConfigError, match="`motors`"):
+        fit_thrust(table)
 
 
 def test_scales_alone_give_a_map_whose_intervals_hold(tmp_path: Path) -> None:

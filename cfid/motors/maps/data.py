@@ -32,7 +32,7 @@ from cfid.large import chosen_rows, side_by_side
 from cfid.motors.data import RunStaircase, channels_of, reduce_run, reduce_speeds, without_dead
 from cfid.motors.points import Points, column, frame, joined, points_of, rotor_speed_rad_s
 from cfid.motors.vibration.data import Rotors, speeds_from_vibration
-from cfid.motors.weighing import weighed_thrusts
+from cfid.motors.weighing import Weighing, digit_g, thrust_points, weighed_thrusts
 from cfid.recordings.read import kind_at, read_recording
 from cfid.recordings.recording import How
 from cfid.recordings.resumed import with_completed
@@ -150,7 +150,7 @@ def _evidence_in(
     if isinstance(measurement, Evidence):
         return measurement
     if isinstance(measurement, StandTable):
-        return of_table(measurement, stand)
+        return of_table(measurement, stand, gravity_mps2=gravity_mps2)
     path = measurement.folder if isinstance(measurement, Run) else Path(measurement)
     run = run_at(path)
     if run is not None and not holds_stand(path):
@@ -160,7 +160,7 @@ def _evidence_in(
             f"a window and `flip_fz` are for a load cell's recording, and {path} is a thrust stand's table."
         )
     how = How(motors=stand.motors)
-    return of_table(stand_of(read_stand(path, how), how, gravity_mps2=gravity_mps2), stand)
+    return of_table(stand_of(read_stand(path, how), how, gravity_mps2=gravity_mps2), stand, gravity_mps2=gravity_mps2)
 
 
 # From the arguments of a command
@@ -487,11 +487,14 @@ def _about_speeds(reduced: Staircase, name: str) -> tuple[Finding, ...]:
 # From tables of stands
 
 
-def of_table(table: StandTable, stand: Stand) -> Evidence:
+def of_table(table: StandTable, stand: Stand, *, gravity_mps2: float = USUAL_GRAVITY_MPS2) -> Evidence:
     """Return a table's points, or reduce its record over time.
 
-    Raises ConfigError where the speeds are those of another number of rotors than the thrust, and no number is stated.
+    Raises ConfigError where the speeds are those of another number of rotors than the thrust, and no number is stated,
+    and for readings of scales without it.
     """
+    if table.grams is not None and table.thrust_n is None and table.time_s is None:
+        return _of_scales(table, table.grams, stand, gravity_mps2)
     _ask_motors(table, stand.motors)
     tachometer = table.speeds == "series"  # it counts markers; a thrust stand reports rotors' speeds
     stand = stand.where(stand.facts) if tachometer else replace(stand, markers=stand.markers or 1)
@@ -505,6 +508,22 @@ def of_table(table: StandTable, stand: Stand) -> Evidence:
         sources=(table.source,),
         tachometers=(stand.facts,) if tachometer else (),
     )
+
+
+def _of_scales(table: StandTable, grams: Array, stand: Stand, gravity_mps2: float) -> Evidence:
+    motors = table.motors if table.are_stated else stand.motors
+    if motors is None:
+        raise ConfigError(f"{table.path}: scales show the thrust of all motors that ran: give `motors`, their number.")
+    weighing = Weighing(command=table.command, grams=grams, motors=motors, facts=stand.facts)
+    points = thrust_points(
+        weighing,
+        last=len(grams),
+        shown_g=digit_g(grams),
+        gravity_mps2=gravity_mps2,
+        volts=table.vbat_v,
+        source=str(table.path),
+    )
+    return Evidence(points=points, findings=table.findings, sources=(table.source,), scales=(stand.facts,))
 
 
 def _ask_motors(table: StandTable, motors: int | None) -> None:
