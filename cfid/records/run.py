@@ -9,7 +9,7 @@ import contextlib
 import re
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, get_args
@@ -46,6 +46,7 @@ UNKNOWN = "unknown"  # in run.toml: how many samples were lost
 
 _NUMBER = re.compile(rb"^number = (\d{1,9})\r?$", re.MULTILINE)  # before the tables of run.toml
 _NOTABLE_SKIPS = 0.01  # of the samples requested
+_NOTABLE_LOSSES = 0.01  # of the samples expected: as many as `cfid rig check --signals` allows
 _QUIET_S = 2.0  # a file that changed within this time counts as growing
 State = Literal["recording", "complete", "interrupted", "failed"]
 
@@ -444,7 +445,9 @@ def losses(run: Run, record: DeviceRecord, rows: int) -> list[Finding]:
     if header.state == "failed":
         findings.append(finding("recording-failed", reason=header.reason or "no reason given"))
     if record.lost:
-        findings.append(finding("samples-lost", samples=counted(record.lost, "sample was", "samples were")))
+        lost = finding("samples-lost", samples=counted(record.lost, "sample was", "samples were"))
+        few = record.lost <= _NOTABLE_LOSSES * (record.lost + rows)
+        findings.append(replace(lost, severity="note") if few else lost)
     if record.lost is None and not run.cut and header.origin is None:
         findings.append(finding("samples-lost-unknown"))
     if record.achieved:

@@ -22,7 +22,7 @@ from cfid.records.fits import keep_fit, list_fits
 from cfid.records.parameters import Source
 from cfid.records.progress import PROGRESS_FILE, Counts, RunProgress, read_progress
 from cfid.records.rig_file import thesis_rig
-from cfid.records.run import DeviceRecord, Label, Run, list_runs, read_run
+from cfid.records.run import DeviceRecord, Label, Run, list_runs, losses, read_run
 from cfid.records.run_writer import RunWriter, create_run
 from cfid.records.stale import stale_in
 from cfid.wire.rls import encode_positions
@@ -166,6 +166,17 @@ def test_an_error_closes_the_run_as_failed_with_its_reason_and_its_losses(tmp_pa
     notes = angle_record(writer.folder).notes
     assert "the run failed (cable" in notes[0]
     assert "7 samples were lost while recording" in notes[1]
+
+
+@pytest.mark.parametrize(("lost", "severity"), [(1, "note"), (2, "warning")])
+def test_losses_beyond_one_percent_are_a_warning(tmp_path: Path, lost: int, severity: str) -> None:
+    with new(tmp_path) as writer:
+        writer.append("encoder", (TIME_S, COUNTS))
+        writer.count_lost("encoder", lost)
+    run = read_run(writer.folder)
+    (finding,) = losses(run, run.header.devices["encoder"], rows=100)
+
+    assert (finding.code, finding.severity) == ("samples-lost", severity)
 
 
 def test_a_run_closed_by_hand_keeps_its_reason_and_takes_no_more(tmp_path: Path) -> None:
