@@ -42,9 +42,11 @@ Hold = Annotated[float, typer.Option(metavar="S", help="Seconds at each command.
 
 
 def staircase_of(
-    motors: tuple[int, ...], first: int, last: int, step: int, *, hold_s: float, rest_s: float, falls: bool = False
+    motors: tuple[int, ...], first: int, last: int, step: int, *, hold_s: float, rest_s: float, twice: bool
 ) -> "StaircasePlan":
-    """Return a staircase of commands that rise, and then also fall where it `falls`.
+    """Return a staircase that rises and falls, so that a battery that drains does not look like the command's effect.
+
+    It holds each command `twice`, or every other one on its way up and those between on its way down.
 
     Raises ConfigError for one without steps, and for impossible times.
     """
@@ -54,7 +56,7 @@ def staircase_of(
     if not any(steps):
         raise ConfigError(f"--from {first} --to {last} --step {step}: no motor turns at command 0 alone.")
     return StaircasePlan(
-        steps=steps + (steps[-2::-1] if falls else ()),
+        steps=steps + steps[-2::-1] if twice else steps[::2] + steps[1::2][::-1],
         motors=motors,
         hold_s=positive(hold_s, "--hold", most=LONGEST_STEP_S),
         rest_s=positive(rest_s, "--rest", most=LONGEST_STEP_S),
@@ -94,7 +96,7 @@ def thrust(
     hold_s, rest_s = (
         usual if stated is None else stated for usual, stated in zip(_SECONDS[kind], (hold, rest), strict=True)
     )
-    wanted = staircase_of(motors_of(motor, (1, 3)), first, last, step, hold_s=hold_s, rest_s=rest_s, falls=True)
+    wanted = staircase_of(motors_of(motor, (1, 3)), first, last, step, hold_s=hold_s, rest_s=rest_s, twice=True)
     wanted = _remaining("thrust", wanted, word, rig.campaign)
     if dry_run:
         rehearse("log thrust", [plan_line(wanted)], **plan_facts(wanted))
@@ -135,7 +137,9 @@ def speed(
     dry_run: DryRun = False,
     note: Note = None,
 ) -> None:
-    """Record rotor speeds while motors run a staircase; Ctrl-C stops them. Enter alone skips a reading.
+    """Record rotor speeds while motors run a staircase up and down; Ctrl-C stops them.
+
+    Every other command is held on the way up, and those between on the way down. Enter alone skips a reading.
 
     Example: cfid log speed --motor 1
     """
@@ -145,7 +149,7 @@ def speed(
     tachometer = tachometer or _tachometer_of(word, rig.campaign)
     if port is not None and tachometer != "ut372":
         raise ConfigError(f"--port is the UT372's, and --tachometer is {tachometer}.")
-    wanted = staircase_of(motors_of(motor, (1,)), first, last, step, hold_s=hold, rest_s=rest)
+    wanted = staircase_of(motors_of(motor, (1,)), first, last, step, hold_s=hold, rest_s=rest, twice=False)
     wanted = _remaining("speed", wanted, word, rig.campaign)
     if dry_run:
         rehearse("log speed", [plan_line(wanted)], **plan_facts(wanted))
@@ -191,7 +195,7 @@ def scales(
     from cfid.motors.record import StaircaseRecording, record_scales
 
     rig, word = rig_of(), run_to_resume(run, resume=resume)
-    wanted = staircase_of(motors_of(motor, (1, 3)), first, last, step, hold_s=hold, rest_s=rest, falls=True)
+    wanted = staircase_of(motors_of(motor, (1, 3)), first, last, step, hold_s=hold, rest_s=rest, twice=True)
     wanted = _remaining("scales", wanted, word, rig.campaign)
     known = _scales_of(word, rig.campaign)
     if dry_run:

@@ -91,6 +91,8 @@ def _as_toml(default: Any) -> str:
         return "none"
     if isinstance(default, str):
         return f'`"{default}"`'
+    if isinstance(default, bool):
+        return f"`{str(default).lower()}`"
     return f"`{list(default)}`" if isinstance(default, tuple) else f"`{default}`"
 
 

@@ -442,7 +442,7 @@ def test_a_run_that_cannot_be_finished_ends_with_how_the_motors_stopped(
     ("words", "truth", "lacking"),
     [
         (("thrust",), {}, [20000, 30000, 20000, 10000]),
-        (("speed", "--tachometer", "deck"), {"rpm_deck": True}, [20000, 30000]),
+        (("speed", "--tachometer", "deck"), {"rpm_deck": True}, [30000, 20000]),
     ],
 )
 def test_an_interrupted_staircase_is_resumed_where_it_ended(
@@ -450,7 +450,7 @@ def test_an_interrupted_staircase_is_resumed_where_it_ended(
 ) -> None:
     with bench_in(tmp_path, crazyflie=truth) as bench:
         pilot = bench.start("log", *words, *QUICK)
-        pilot.wait_until(lambda: bench.motors[0] == 20000, "the second step")
+        pilot.wait_until(lambda: bench.motors[0] == lacking[0], "the second step")
         pilot.request_end()
         assert pilot.end() == 0
         again = bench.start("log", words[0], "--resume", "--yes")
