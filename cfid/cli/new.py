@@ -28,4 +28,6 @@ def new_campaign(
     path = make_campaign(folder, kind=kind)
     todo = "" if kind in ("simulated", "thesis") else ": put what you measured there in place of each ?"
     echo(f"{path}{todo}")
+    if kind == "simulated":
+        echo(f"in another terminal: cfid -C {quote(str(folder))} rig sim")
     echo(f"next: cd {quote(str(folder))} && cfid next")

@@ -181,7 +181,8 @@ def _check(
     if name == "centre_of_mass_m":
         raise ConfigError(f"{name}: vehicle.centre_of_mass_mm in rig.toml states it: change it there.")
     if fault := shape_error(name, parameter.value, parameter.std):
-        raise ConfigError(f"{name} {fault}, and {len(numbers)} given: write them with commas.")
+        entries = f": {','.join(ENTRIES)}" if row is not None and row.shape is Shape.MATRIX else ""
+        raise ConfigError(f"{name} {fault}, and {len(numbers)} given: write them with commas{entries}.")
     if name == _CUBIC:
         most = campaign.values().find(_MOST)
         if fault := cubic_fault(numbers, max_thrust_n=None if most is None else most.parameter.value):

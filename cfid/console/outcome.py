@@ -187,6 +187,8 @@ def _draw(result: Result, delivery: Delivery) -> Sequence[Path]:
 
 
 def _print(result: Result, drawn: Sequence[Path]) -> None:
+    from cfid.records.campaign import are_simulated
+
     hidden = () if program().verbose else result.beside
     shown = {
         key: quantity
@@ -194,8 +196,7 @@ def _print(result: Result, drawn: Sequence[Path]) -> None:
         if not any(fnmatchcase(key, pattern) for pattern in hidden)
     }
     if shown:
-        simulated = any(finding.code == _SIMULATED for finding in result.findings)
-        print_parameters(shown, title=f"cfid {result.command}{', simulated' * simulated}")
+        print_parameters(shown, title=f"cfid {result.command}{', simulated' * are_simulated(result.sources)}")
     for line in result.summary() if result.prints_lines or program().verbose else ():
         echo(fitted(in_options(printable(line))))
     if pictures := [path for path in drawn if path.suffix == ".png"]:

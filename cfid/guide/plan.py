@@ -54,12 +54,16 @@ def is_vehicle(label: Label) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """One fit: its section, the runs that it uses, its command and the keys of the quantities that it should find."""
+    """One fit: its section, the runs that it uses, its command and the keys of the quantities that it should find.
+
+    The fit also takes runs of the kinds `besides`, together with those of its own.
+    """
 
     section: str
     recordings: tuple[Assignment, ...]
     fit: Words
     aims: tuple[str, ...]
+    besides: tuple[str, ...] = ()
 
 
 def _motors_run(command: str, reminder: str, *, questions: Mapping[str, str] | None = None) -> Assignment:
@@ -149,6 +153,7 @@ def tasks(
             recordings=recordings[name],
             fit=tuple(EXPERIMENTS[name].fit.split()),
             aims=EXPERIMENTS[name].aims,
+            besides=("speed",) if recordings[name] == _MOTORS["thrust"] else (),
         )
         for name in KINDS[kind or rig.campaign.kind]
         if recordings[name]

@@ -85,12 +85,10 @@ class Status:
             if status.state in ("not fitted", "stale"):
                 return Next(words=status.task.fit, why=f"{name}: {reason}")
             if status.state == "rejected":
-                advice = (
-                    f"Leave it out, cfid runs exclude {status.suspects[0]}, or record it again."
-                    if len(status.suspects) == 1
-                    else "Leave out a run that was wrong: cfid runs exclude RUN."
-                )
-                why = f"{name} was rejected: {reason} {advice}"
+                why = f"{name} was rejected: {reason}"
+                if len(status.suspects) == 1:  # another recording cannot help while this one stays in
+                    return Next(words=("runs", "exclude", status.suspects[0]), why=f"{why} Leave it out.")
+                why += " Leave out a run that was wrong: cfid runs exclude RUN."
                 return _recorded_next(status.retry or status.task.recordings[-1], why)
         report: Words = ("report", *(("--kind", self.kind) if self.kind else ()))
         unsure = [
@@ -177,7 +175,7 @@ def _status(task: Task, included: Sequence[Run], runs: Sequence[Run], values: Va
         state, reason = "rejected", next(iter(last.section.rejected.values()))
     elif fit is None:
         state, reason = "not fitted", "recorded, not fitted yet."
-    elif newer := _newer(fit, usable, values):
+    elif newer := _newer(fit, [*usable, *_besides(task, usable, included)], values):
         state, reason = "stale", f"{counted(newer, 'run was', 'runs were')} recorded after the fit."
     elif lacking:
         reason = f"`{lacking[0].command}` once more would show what drifted since the first."
@@ -197,6 +195,14 @@ def _status(task: Task, included: Sequence[Run], runs: Sequence[Run], values: Va
         reason=reason,
         found=tuple(certainty_of(values, key) for key in task.aims),
     )
+
+
+def _besides(task: Task, usable: Sequence[Run], included: Sequence[Run]) -> list[Run]:
+    """Return the runs that a task's fit takes besides its own: rotors' speeds, where a load cell measured thrust."""
+    own = {recording.kind for recording in task.recordings}
+    if not any(run.header.kind in own for run in usable):
+        return []
+    return [run for run in included if run.usable and run.header.kind in task.besides]
 
 
 def _why_missing(made: Sequence[Run], newest: Run | None) -> str:

@@ -1,7 +1,7 @@
 """A campaign folder: the rig, its runs, and what was found from them."""
 
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -205,8 +205,6 @@ class Campaign(BaseModel):
         """Return the section that stores a result; `given` is the part of the result that is kept."""
         sources = tuple(Source(self._path_in(source.path), source.sha256) for source in given.sources)
         runs = (run_at(self.runs_folder / name) for name in runs_of(sources))
-        files = [Path(source.path) for source in given.sources if "://" not in source.path]
-        recordings = [run_holding(path) for path in {path.resolve().parent: path for path in files}.values()]
         return Section(
             method=given.method,
             found=datetime.now(UTC).replace(microsecond=0),
@@ -221,7 +219,7 @@ class Campaign(BaseModel):
             facts=result.facts,
             suspects=result.suspects,
             runs={run.folder.name: run.header.stated_sha256 for run in runs if run is not None},
-            simulated=any(run.header.simulated for run in recordings if run is not None),
+            simulated=are_simulated(given.sources),
         )
 
     def _path_in(self, path: str) -> str:
@@ -230,6 +228,13 @@ class Campaign(BaseModel):
             return path
         there, folder = Path(path).resolve(), self.folder.resolve()
         return str(there.relative_to(folder) if there.is_relative_to(folder) else there)
+
+
+def are_simulated(sources: Iterable[Source]) -> bool:
+    """Return whether a recording among the sources of a result is of a simulated rig, wherever it lies."""
+    files = [Path(source.path) for source in sources if "://" not in source.path]
+    recordings = (run_holding(path) for path in {path.resolve().parent: path for path in files}.values())
+    return any(run.header.simulated for run in recordings if run is not None)
 
 
 def _without_fit(content: bytes, values: Values) -> str:

@@ -140,14 +140,14 @@ def write_files(
     Raises ConfigError, also for a file that a campaign keeps, and where one cannot be written.
     """
     try:
-        for path in contents:
-            if path.exists() and is_replaceable(path):
+        for path, content in contents.items():
+            if path.is_file() and (is_replaceable(path) or path.read_bytes() == content):
                 continue
             refuse_kept(path)
             if (path.exists() or path.is_symlink()) and not force:
                 raise ConfigError(
-                    f"{path}: exists already, and is not an unchanged one of cfid. Nothing was written: use `force` to "
-                    "replace it, or `out` to write elsewhere."
+                    f"{path}: exists already, with other content. Nothing was written: use `force` to replace it, or "
+                    "`out` to write elsewhere."
                 )
         for path, content in contents.items():
             path.parent.mkdir(parents=True, exist_ok=True)

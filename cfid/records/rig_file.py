@@ -38,6 +38,7 @@ Number = Annotated[float, Field(strict=True)]  # strict: neither true nor "1" is
 Positive = Annotated[Number, Field(gt=0)]
 Spread = Annotated[Number, Field(ge=0)]
 
+_LEAST_POINT_MM, _MOST_POINT_MM = 0.5, 10_000.0  # of the largest coordinate: metres are less, micrometres more
 _LEAST_STD_MM = 0.001  # nobody measures a vehicle to less; numbers in metres are
 _LEAST_CENTRE_MM = 0.1  # a tenth of what a balance on an edge shows
 
@@ -46,6 +47,12 @@ def _in_mm(std_mm: float) -> float:
     if 0 < std_mm < _LEAST_STD_MM:
         raise ValueError("nobody measures a length to less than 0.001 mm: metres?")
     return std_mm
+
+
+def _point_in_mm(point_mm: tuple[float, ...]) -> tuple[float, ...]:
+    if 0 < max(map(abs, point_mm)) < _LEAST_POINT_MM or max(map(abs, point_mm)) > _MOST_POINT_MM:
+        raise ValueError("no point of a rig lies there: millimetres are expected")
+    return point_mm
 
 
 SpreadMm = Annotated[Spread, AfterValidator(_in_mm)]
@@ -243,7 +250,7 @@ class Mount(RigTable):
     frame in which the point was measured about z, so that numbers read along an arm can be entered as read.
     """
 
-    point_mm: Vector = (0.0, 0.0, 0.0)
+    point_mm: Annotated[Vector, AfterValidator(_point_in_mm)] = (0.0, 0.0, 0.0)
     point_std_mm: SpreadVectorMm = (0.0, 0.0, 0.0)
     point_yaw_deg: Number = 0.0
     direction: Direction
@@ -593,7 +600,7 @@ class Fixture(RigTable):
 class Site(RigTable):
     """Where the rig stands."""
 
-    gravity_mps2: Positive = USUAL_GRAVITY_MPS2
+    gravity_mps2: Annotated[Number, Field(ge=9.7, le=9.9)] = USUAL_GRAVITY_MPS2
     gravity_std_mps2: Spread = 0.0
 
 
@@ -617,7 +624,7 @@ class FrictionRig(RigTable):
     The weight pulls at the middle of the line: half its thickness adds to the radius of the axis.
     """
 
-    radius_mm: Positive
+    radius_mm: Annotated[Number, Field(ge=0.05, le=1000)]
     radius_std_mm: SpreadMm = 0.0
     line_mm: Spread | None = None
     line_std_mm: SpreadMm = 0.0

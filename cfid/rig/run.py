@@ -29,7 +29,7 @@ Stopped = Callable[[float], None]  # gets the seconds that the motors' stop took
 
 _MOTORS = ("commands", "crossings")  # instruments that turn motors
 _OPERATOR = "the operator"
-_BUTTON = BUTTON_SIGNALS[0].name
+_STOPPED_BY = {"SIGINT": "stopped by Ctrl-C", BUTTON_SIGNALS[0].name: "stopped by the page's button"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -192,7 +192,7 @@ async def _recorded(
         raise DeviceError(
             f"{empty[0]}: not one sample in {recorder.seconds:.1f} s. `cfid rig check` looks for the cause."
         )
-    by = "stopped by the page's button" if ending.signal == _BUTTON else f"ended by {ending.signal}"
+    by = _STOPPED_BY.get(ending.signal, f"ended by {ending.signal}")
     early = f"{by} after {recorder.seconds:.1f} s" if ending.signal else ""
     if plan.procedure is None:
         return run.close("complete", reason=early if plan.for_s else "")

@@ -130,7 +130,9 @@ def test_a_set_is_exported_to_the_current_folder_without_a_campaign(cfid: Cfid, 
 
     assert (ended.returncode, ended.stdout.strip()) == (0, "crazyflie_mujoco.xml")
     assert [path.name for path in tmp_path.iterdir()] == ["crazyflie_mujoco.xml"]
-    assert cfid("export", "mujoco", "--from", "thesis").returncode == 2  # it exists
+    assert cfid("export", "mujoco", "--from", "thesis").returncode == 0  # the same again
+    (tmp_path / "crazyflie_mujoco.xml").write_text("mine")
+    assert cfid("export", "mujoco", "--from", "thesis").returncode == 2
     assert cfid("export", "mujoco", "--from", "thesis", "--force").returncode == 0
     assert cfid("export", "crazyflow", "--from", "thesis", "--out", "a/b.toml").returncode == 0
     assert toml("crazyflow", THESIS)["cf2x_L250"]["mass"] == 0.028

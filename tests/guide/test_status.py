@@ -267,15 +267,17 @@ def test_a_rejected_matrix_is_recorded_again_and_another_rejected_quantity_is_no
 # How certain a number is
 
 
-def test_the_run_without_which_the_others_agree_is_named_and_recorded_again(folder: Path) -> None:
+def test_the_run_without_which_the_others_agree_is_named_and_left_out_first(folder: Path) -> None:
     axes = swung(folder)
     wrong = next(run for run in runs_of(folder) if run.name.endswith(f"_{axes[3]}"))
     fitted(folder, rejected="they contradict each other.", suspects=(wrong.name,))
     status = status_of(open_campaign(folder), kind="inertia")
 
     assert status.tasks[0].suspects == (wrong.name,)
-    assert f"cfid runs exclude {wrong.name}" in status.next.why
-    assert status.next.words == swing_again(axes[3])
+    assert status.next.words == ("runs", "exclude", wrong.name)
+
+    amend_run(read_run(wrong), excluded="a wrong mount")
+    assert asked_for(task(folder)) == swing_again(axes[3])
 
 
 def test_a_number_that_is_too_uncertain_is_measured_again(folder: Path) -> None:
@@ -405,6 +407,26 @@ def test_scales_are_as_good_as_a_load_cell_for_the_thrust_map(folder: Path) -> N
     thrust = task(folder, "thrust", kind="afternoon")
     assert (thrust.state, thrust.recorded) == ("not fitted", 1)
     assert task(folder, "torque", kind="afternoon").state == "missing"
+
+
+def test_speeds_recorded_after_the_thrust_was_fitted_are_fitted_with_it(folder: Path) -> None:
+    commands = {"t": [1.7e9], "m1": [10000], "m2": [0], "m3": [0], "m4": [0]}
+    recorded = made_run(folder, "thrust", {"commands": commands}, started=BEGAN)
+    file = recorded.device_file("commands")
+    section = Section(
+        method="default",
+        found=LATER,
+        cfid_version="0.2.0",
+        accepted=True,
+        sources=(Source(str(file.relative_to(folder)), hashlib.sha256(file.read_bytes()).hexdigest()),),
+        parameters={"motor.max_thrust_n": Parameter(value=0.16, std=1e-3, unit="N")},
+    )
+    keep(folder, "thrust", section)
+    assert task(folder, "thrust", kind="motors").state == "accepted"
+    columns = {"t": [1.7e9, 1.7e9 + 5], "command": [0, 20000], "rpm": [0.0, 11000.0]}
+    made_run(folder, "speed", {"readings": columns}, started=LATER + timedelta(hours=1))
+
+    assert asked_for(task(folder, "thrust", kind="motors")) == ("fit", "thrust")
 
 
 def test_a_staircase_that_was_interrupted_is_completed_unless_it_was_excluded(folder: Path) -> None:

@@ -165,7 +165,7 @@ def torque(
 
     workplace = open_workplace(geometry)
     stand = Stand(motors=motors, window_s=_window(from_s, to_s), flip_fz=flip_fz)
-    evidence = read_evidence(runs or [], workplace, known=stand, table=table, kind="thrust", method=method)
+    evidence = read_evidence(runs or [], workplace, known=stand, table=table, kind="torque", method=method)
     deliver(fit_torque(evidence, method=method), Delivery(force, figures, out), workplace)
 
 

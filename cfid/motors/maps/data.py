@@ -58,7 +58,8 @@ from cfid.units import DEAD_COMMAND, FULL_COMMAND, MOTORS, USUAL_GRAVITY_MPS2
 Array = npt.NDArray[np.float64]
 
 _BIAS = slice(9, 60)  # MATLAB's 10:60
-_MEASURED_BY = {"thrust": ("thrust", "scales"), "speed": ("speed",)}  # kinds of runs of each map, the best first
+# Kinds of runs of each map, the best first.
+_MEASURED_BY = {"thrust": ("thrust", "scales"), "torque": ("thrust",), "speed": ("speed",)}
 _LEAST_HELD_S = 0.2  # five time constants of the fastest rotor
 _TOGETHER = 0.8  # share of the rows with a thrust that also have a torque
 _MOST_NAMED = 8  # steps left out, up to which each has its own sentence
@@ -218,10 +219,14 @@ def _chosen(words: Sequence[str], workplace: Workplace, kind: str, *, tables: in
     if workplace.campaign is None or (tables and not words):
         return words
     recorded = {run.header.kind for run in workplace.campaign.runs()}
-    first = next((instrument for instrument in _MEASURED_BY[kind] if instrument in recorded), kind)
+    first = next((each for each in _MEASURED_BY[kind] if each in recorded), _MEASURED_BY[kind][0])
     # A stand, and scales beside a load cell, are taken where they are named.
     suits = _of_kinds(*_MEASURED_BY[kind], STAND) if words else labelled(first)
-    return chosen(words, workplace.campaign, suits=suits, wanted=f"runs of cfid log {first}")
+    taken = chosen(words, workplace.campaign, suits=suits, wanted=f"runs of cfid log {first}")
+    if words or (kind, first) != ("thrust", "thrust") or "speed" not in recorded:
+        return taken
+    # Rotors' speeds, besides the load cell's forces, give the thrust over speed.
+    return [*taken, *chosen((), workplace.campaign, suits=labelled("speed"), wanted="runs of cfid log speed")]
 
 
 def _of_kinds(*kinds: str) -> Matches:

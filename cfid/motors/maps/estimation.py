@@ -14,7 +14,7 @@ from cfid.errors import FitError
 from cfid.estimate.linear import fit_linear
 from cfid.estimate.monotone_cubic import constrain
 from cfid.estimate.polynomials import PolynomialFit, fit_polynomial, fit_power, scattered_std
-from cfid.findings import Finding, rejection, warning
+from cfid.findings import Finding, note, rejection, warning
 from cfid.motors.points import Pairs, Points, column, measured, shared, weighable
 from cfid.motors.weighing import STANDING_N
 from cfid.units import DEAD_COMMAND, FULL_COMMAND, NEAR_FULL, ROTORS
@@ -508,7 +508,7 @@ def invert(thrust_map: MotorMap) -> InverseMap:
     rounded = np.rint(_root(coefficients, between))
     lowest = float(thrust_map.command[thrust_map.command > DEAD_COMMAND].min())
     text = f"the command of a thrust is extrapolated below {lowest:.0f}, the smallest command that was measured."
-    below = warning("inverse-extrapolated-below", text, "motor.command_of_thrust")
+    below = note("inverse-extrapolated-below", text, "motor.command_of_thrust")
     return InverseMap(
         coefficients=coefficients,
         command_range=(low, high),
