@@ -49,12 +49,6 @@ def _in_mm(std_mm: float) -> float:
     return std_mm
 
 
-def _point_in_mm(point_mm: tuple[float, ...]) -> tuple[float, ...]:
-    if 0 < max(map(abs, point_mm)) < _LEAST_POINT_MM or max(map(abs, point_mm)) > _MOST_POINT_MM:
-        raise ValueError("no point of a rig lies there: millimetres are expected")
-    return point_mm
-
-
 SpreadMm = Annotated[Spread, AfterValidator(_in_mm)]
 
 
@@ -250,7 +244,7 @@ class Mount(RigTable):
     frame in which the point was measured about z, so that numbers read along an arm can be entered as read.
     """
 
-    point_mm: Annotated[Vector, AfterValidator(_point_in_mm)] = (0.0, 0.0, 0.0)
+    point_mm: Vector = (0.0, 0.0, 0.0)
     point_std_mm: SpreadVectorMm = (0.0, 0.0, 0.0)
     point_yaw_deg: Number = 0.0
     direction: Direction
@@ -624,7 +618,7 @@ class FrictionRig(RigTable):
     The weight pulls at the middle of the line: half its thickness adds to the radius of the axis.
     """
 
-    radius_mm: Annotated[Number, Field(ge=0.05, le=1000)]
+    radius_mm: Positive
     radius_std_mm: SpreadMm = 0.0
     line_mm: Spread | None = None
     line_std_mm: SpreadMm = 0.0
@@ -692,7 +686,12 @@ class Rig(RigTable):
     _unknown: tuple[str, ...] = PrivateAttr(())
 
     @model_validator(mode="after")
-    def _arm_in_mm(self) -> Self:
+    def _in_mm(self) -> Self:
+        of_body = {} if self.testbody is None else {f"testbody.mounts.{n}": m for n, m in self.testbody.mounts.items()}
+        for name, mount in ({f"mounts.{name}": mount for name, mount in self.mounts.items()} | of_body).items():
+            largest_mm = max(map(abs, mount.point_mm))
+            if 0 < largest_mm < _LEAST_POINT_MM or largest_mm > _MOST_POINT_MM:
+                raise ValueError(f"{name}.point_mm: no point of a rig lies there; millimetres are expected")
         arm_mm, platform = self.loadcell.arm_mm, self.vehicle.platform
         expected = None if arm_mm is None or platform == "other" else range_of("arm_m", platform)
         if arm_mm is not None and expected and not expected.least <= MM * arm_mm <= expected.largest:
