@@ -242,7 +242,8 @@ def test_a_signal_ends_a_run_that_is_complete_and_stops_the_box(lab: Lab, name: 
 
     assert log.ended.code == 0
     assert log.run.header.state == "complete"
-    assert log.run.header.reason.startswith(f"ended by {name} after")
+    stopped = {"SIGINT": "stopped by Ctrl-C"}.get(name, f"ended by {name}")
+    assert log.run.header.reason.startswith(f"{stopped} after")
     log.check()
 
 

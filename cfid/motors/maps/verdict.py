@@ -218,7 +218,7 @@ def _about_weights(run: Run) -> str:
             weighing.thrust_n(USUAL_GRAVITY_MPS2)
         except FitError as error:
             raise FitError(f"{_beside({name: weighing.parts[name] for name in before})}{error}") from None
-        return f" It verifies a map together with {', '.join(before)}, which it completes." if before else ""
+        return f" It gives or verifies a map with {', '.join(before)}, which it completes." if before else ""
     alone = f"Together with {', '.join(before)}, which it completes," if before else "Alone"
     return (
         f" {alone} it verifies no map: `cfid fit thrust` with `verify` takes a change of weight, from a reading at "
