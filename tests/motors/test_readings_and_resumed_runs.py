@@ -330,7 +330,7 @@ def verified(cfid: Cfid, campaign: Path, *runs: Run) -> tuple[str, dict[str, Any
 def test_a_map_is_verified_by_all_parts_of_a_run_of_scales(cfid: Cfid, campaign: Path) -> None:
     first, second = two_parts(campaign)
 
-    assert f"together with {first.folder.name}" in of_readings(second)
+    assert f"with {first.folder.name}, which it completes" in of_readings(second)
     for runs in ((second,), (second, first)):
         printed, quality = verified(cfid, campaign, *runs)
         assert "verification: 5 readings" in printed
