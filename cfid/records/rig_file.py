@@ -687,11 +687,12 @@ class Rig(RigTable):
 
     @model_validator(mode="after")
     def _in_mm(self) -> Self:
-        of_body = {} if self.testbody is None else {f"testbody.mounts.{n}": m for n, m in self.testbody.mounts.items()}
-        for name, mount in ({f"mounts.{name}": mount for name, mount in self.mounts.items()} | of_body).items():
-            largest_mm = max(map(abs, mount.point_mm))
-            if 0 < largest_mm < _LEAST_POINT_MM or largest_mm > _MOST_POINT_MM:
-                raise ValueError(f"{name}.point_mm: no point of a rig lies there; millimetres are expected")
+        of_test_body = {} if self.testbody is None else self.testbody.mounts
+        for table, mounts in (("mounts", self.mounts), ("testbody.mounts", of_test_body)):
+            for name, mount in mounts.items():
+                largest_mm = max(map(abs, mount.point_mm))
+                if 0 < largest_mm < _LEAST_POINT_MM or largest_mm > _MOST_POINT_MM:
+                    raise ValueError(f"{table}.{name}.point_mm: no point of a rig lies there; millimetres are expected")
         arm_mm, platform = self.loadcell.arm_mm, self.vehicle.platform
         expected = None if arm_mm is None or platform == "other" else range_of("arm_m", platform)
         if arm_mm is not None and expected and not expected.least <= MM * arm_mm <= expected.largest:

@@ -166,8 +166,8 @@ def _aside(text: str) -> Markup:
 def _figures(experiments: Sequence[Mapping[str, Any]], folder: Path) -> list[list[dict[str, Any]]]:
     """Return the figures of each experiment: name, embedded content ("" if none), `first`, `before`.
 
-    A figure is shown once: on the first screen if `first` is its caption there, else with the experiment at the place
-    `before`, which drew the same figure, such as that of a recording they share, else, if that is None, with its own.
+    A figure is shown once: on the first screen if `first` is its caption there, else with the first experiment that
+    has it, at the place `before` if that is another one. Experiments that share a recording share its figure.
     """
     captions, shown = dict(_FIRST), dict[str, int]()
     figures: list[list[dict[str, Any]]] = []

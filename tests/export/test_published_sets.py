@@ -14,19 +14,12 @@ from tests.export.reading import TARGETS, export, macros, toml, xml
 from tests.export.test_numbers import TURNED
 from tests.export.test_refusals import head
 from tests.lab import ROOT, Cfid
+from tests.published.test_sets import HEAD
 
 THESIS = collect_published(published_set("thesis"))
 LAG_S, MOMENT_M = thesis.TIME_CONSTANT_S, thesis.TORQUE_POLY[0]
 DRAG_N_S_PER_M = [4 * thesis.HOVER_SPEED_RAD_S * drag for drag in (9.1785e-7, 9.1785e-7, 10.311e-7)]
-MINE = """
-name = "mine"
-title = "Mine"
-source = "a notebook, page 3"
-vehicle = "my vehicle"
-platform = "cf2"
-method = "scales"
-frame = { forward = "x", left = "y", up = "z" }
-
+MINE = f"""{HEAD}
 [[quantities]]
 key = "mass_kg"
 value = 29.5
