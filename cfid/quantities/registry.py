@@ -224,6 +224,7 @@ _MAPS = _given(
     "torque", "`cfid fit torque`",
     Quantity("motor.torque_poly", "Nm(N)", "c", "thrust to torque, one motor", Shape.POLYNOMIAL,
              Range(1e-3, 0.1, "published ones have 0.005 to 0.034", "slope"), of="N m", over="N",
+             given_by="`cfid fit torque`, or `cfid fit flight` of a log with rotor speeds",
              aim=Aim(0.05, "yaw in a simulator", slope_in_hover=True)),
 )  # fmt: skip
 
@@ -347,6 +348,11 @@ _FLIGHTS = _given(
              "delay", plausible=_LAG),
     *(Quantity(f"flight.inertia_kg_m2.{axis}", "kg m^2", f"I_{axis}", f"moment of inertia about {axis} in flight",
                plausible=_INERTIA) for axis in ("roll", "pitch", "yaw")),
+    *(Quantity(f"flight.moment_per_velocity_ns.{axis}", "N s", f"h_{axis}", f"moment of air about {axis} over velocity "
+               f"{across}", plausible=Range(-0.1, 0.1, "a Crazyflie has 1e-3", "size"))
+      for axis, across in (("roll", "to the left"), ("pitch", "forward"))),
+    Quantity("flight.speed_delay_s", "s", "δ_s", "how much later the log shows rotor speeds than rates",
+             plausible=Range(-0.03, 0.03, "telemetry and filters take milliseconds")),
     *(Quantity(f"flight.drag_over_mass_per_s.{axis}", "1/s", "-k/m", f"how air brakes along {axis}: minus its force "
                "over mass and velocity", plausible=_BRAKED) for axis in ("forward", "left")),
     *(Quantity(f"flight.drag_kg_per_s.{axis}", "kg/s", "k", f"force of air along {axis} over velocity",

@@ -29,7 +29,7 @@ Held = list[tuple[float, Mapping[int, float]]]  # for how many seconds which col
 
 
 def manoeuvres(kinds: Sequence[str], seconds: float, rng: np.random.Generator) -> Array:
-    """Return a plan (n, 6) of `hover`, `climbs`, `tilts`, `yaw` and `squares`, each for an equal time.
+    """Return a plan (n, 6) of `hover`, `climbs`, `tilts`, `yaw`, `turns` and `squares`, each for an equal time.
 
     Its columns are roll and pitch in rad, NaN where velocity decides on them, velocity along the world's x, y and z in
     m/s, and the yaw rate in rad/s.
@@ -55,6 +55,13 @@ def _tilts(rng: np.random.Generator) -> Held:
     return [(held_s, there), (2 * held_s, back), (held_s, there), (rng.uniform(0.6, 1.0), {})]
 
 
+def _turns(rng: np.random.Generator) -> Held:
+    """Return a tilt as in `_tilts` while the vehicle turns one way, and a pause."""
+    rate = rng.uniform(2.0, 5.0) * rng.choice([-1, 1])
+    *tilted, (pause_s, none) = _tilts(rng)
+    return [(0.4, {5: rate}), *((held_s, {**tilt, 5: rate}) for held_s, tilt in tilted), (pause_s, none)]
+
+
 def _there_and_back(column: int, least: float, most: float) -> Callable[[np.random.Generator], Held]:
     def held(rng: np.random.Generator) -> Held:
         target, held_s = rng.uniform(least, most) * rng.choice([-1, 1]), rng.uniform(0.3, 0.6)
@@ -73,6 +80,7 @@ _MANOEUVRES: Mapping[str, Callable[[np.random.Generator], Held]] = {
     "climbs": _there_and_back(4, 0.3, 1.0),
     "tilts": _tilts,
     "yaw": _there_and_back(5, 1.5, 5.0),
+    "turns": _turns,
     "squares": _squares,
 }
 
