@@ -59,15 +59,21 @@ def without_touches(flight: Flight, *, begin_s: float) -> tuple[Flight, list[Fin
     `begin_s` is the first row's time in the log. During a landing the rotors give less than the weight for a long time,
     which `in_air` detects; a short touch shows only as a force that the rotors do not give, by a fit with coarse lags.
     """
-    parts = segments(flight.driven)
+    rows = flight.driven if flight.speeds is None else flight.airborne
+    parts = segments(rows)
     if not parts:
         return flight, []
-    vertical, thrusts = roughly_fitted(flight)[0]
-    beyond = without(vertical.shown - thrusts, vertical.others)
+    at = np.concatenate([np.arange(part.start, part.stop) for part in parts])
+    if flight.speeds is None:
+        vertical, thrusts = roughly_fitted(flight)[0]
+        beyond = without(vertical.shown - thrusts, vertical.others)
+    else:
+        lift, force = np.sum(flight.row_speeds(0.0)[at] ** 2, axis=1), flight.force[at, 2]
+        beyond = force - np.mean(force) / np.mean(lift) * lift
     beyond = beyond - median_filter(beyond, _AROUND_ROWS, mode="nearest")
     limit = max(_PUSHED_MPS2, -_MORE * float(np.quantile(beyond, _RARE)))
-    pushed = np.zeros(len(flight.driven), bool)
-    pushed[np.concatenate([np.arange(part.start, part.stop) for part in parts])] = beyond > limit
+    pushed = np.zeros(len(rows), bool)
+    pushed[at] = beyond > limit
     if not pushed.any():
         return flight, []
     near = flight.airborne & _around(pushed, EDGE_S)

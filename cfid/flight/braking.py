@@ -7,14 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cfid.estimate.linear import gain_of, sandwich
+from cfid.estimate.linear import sandwich
 from cfid.estimate.signals import block_means
-from cfid.flight.model import FlightEquation, whitening, without
+from cfid.flight.model import FlightEquation, whitened_fit, without
 from cfid.flight.rows import ROW_S, Flight, segments
 
 Array = npt.NDArray[np.float64]
 
-_ROUNDS = 3  # in which noise and drag are estimated alternately
 _SHORTEST_S = 5.0  # of all flights together
 _MEAN_ROWS = 10
 # The number of means that predict the next one. With 16, as for rows, they took up a tenth of a flight's 150 means, and
@@ -58,23 +57,15 @@ def fit_drag(flights: Sequence[Flight], *, axis: int) -> AxisDrag | None:
     ]
     if ROW_S * _MEAN_ROWS * sum(len(block.shown) for block in blocks) < _SHORTEST_S:
         return None
-    rate = np.zeros(1)
-    rows, shown = np.zeros((0, 1)), np.zeros(0)
-    for _ in range(_ROUNDS):
-        whitened = []
-        for block in blocks:
-            left = without(block.shown - block.terms @ rate, block.others)
-            white = whitening(block, left, rows=_PAST_MEANS)
-            whitened.append((white.of(block.terms), white.of(block.shown[:, np.newaxis])[:, 0]))
-        rows, shown = map(np.concatenate, zip(*whitened, strict=True))
-        rate = gain_of(rows) @ shown
-    covariance = sandwich(rows, shown - rows @ rate, longest=len(shown) // (8 * len(blocks)))
+    white = whitened_fit(blocks, past=_PAST_MEANS)
+    covariance = sandwich(white.rows, white.errors, longest=len(white.errors) // (8 * len(blocks)))
+    rate = float(white.values[0])
     velocity = np.concatenate([-without(block.terms[:, 0], block.others) for block in blocks])
     force = np.concatenate([without(block.shown, block.others) for block in blocks])
     return AxisDrag(
-        rate=float(rate[0]),
+        rate=rate,
         std=math.sqrt(float(covariance[0, 0])),
-        explained=float(1 - np.var(force + rate[0] * velocity) / np.var(force)),
+        explained=float(1 - np.var(force + rate * velocity) / np.var(force)),
         speed=float(np.std(velocity)),
         velocity=velocity,
         force=force,

@@ -1,5 +1,6 @@
 """Read motion capture in a flight's log, and find where it contradicts the vehicle's own sensors."""
 
+import itertools
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,7 +17,14 @@ from cfid.recordings.recording import Recording
 
 Array = npt.NDArray[np.float64]
 
-_VELOCITY, _QUATERNION = ("vx", "vy", "vz"), ("qw", "qx", "qy", "qz")  # in the world's axes
+# In the world's axes: of motion capture, else as the Crazyflie estimates them.
+_VELOCITIES = (
+    (("vx", "vy", "vz"), ("qw", "qx", "qy", "qz")),
+    (
+        ("stateEstimate.vx", "stateEstimate.vy", "stateEstimate.vz"),
+        ("stateEstimate.qw", "stateEstimate.qx", "stateEstimate.qy", "stateEstimate.qz"),
+    ),
+)
 
 # Of means over 0.1 s, since an attitude's rows are noisy and may come at 30 Hz: the correlation from which two rates
 # are alike (public logs have 0.7 to 0.9), its excess over that with the axis of the same name, and the ratio of rates.
@@ -30,15 +38,15 @@ _STUCK = 0.1  # of the gyro's rotation: an attitude that turns less is stuck
 
 
 def motion_of(log: Recording, at_s: Array) -> tuple[Array | None, Array | None]:
-    """Return velocity (m, 3) along the vehicle's axes and attitude (m, 4) of motion capture, None where there is none.
+    """Return velocity (m, 3) along the vehicle's axes and attitude (m, 4) as captured or estimated, None without these.
 
     The attitude is the quaternion that turns the vehicle's axes to the world's.
     """
-    for series in log.series.values():
-        if {*_VELOCITY, *_QUATERNION} <= set(series.names):
+    for (along, quaternion), series in itertools.product(_VELOCITIES, log.series.values()):
+        if {*along, *quaternion} <= set(series.names):
             time_s = times_in(log, series)
-            velocity = np.column_stack([np.interp(at_s, time_s, si_values(series.column(name))) for name in _VELOCITY])
-            attitude = np.column_stack([series.column(name).values for name in _QUATERNION])
+            velocity = np.column_stack([np.interp(at_s, time_s, si_values(series.column(name))) for name in along])
+            attitude = np.column_stack([series.column(name).values for name in quaternion])
             flips = np.cumprod(np.where(np.sum(attitude[1:] * attitude[:-1], axis=1) < 0, -1.0, 1.0))
             attitude[1:] *= flips[:, np.newaxis]
             attitude = np.column_stack([np.interp(at_s, time_s, column) for column in attitude.T])

@@ -28,6 +28,7 @@ from cfid.recordings.limits import (
     COMMANDS,
     FORCES,
     RATES,
+    SPEEDS,
     Limits,
     other_scale,
     refuse_repeated_times,
@@ -44,6 +45,7 @@ _Sensor = tuple[tuple[str, ...], tuple[float, ...], float | None]
 GYRO, ACCELEROMETER = "gyro", "accelerometer"
 _LATE_KEYS = {GYRO: "flight.delay_s", ACCELEROMETER: "flight.single_lag_s"}  # contain that readings are late
 _COMMANDS = ("motor.m{}", "pwm.m{}_pwm", "pwm.m{}", "control.m{}")
+_SPEEDS = ("motor.m{}_rpm", "rpm.m{}")
 _VOLTS = ("pm.vbat", "pm.vbatMV")
 _FURTHER = re.compile(r"(?:motor|control)\[(?:[4-9]|1\d)\]|(?:motor|pwm|control)\.m(?:[5-9]|1\d)")
 _DOWN = (1.0, -1.0, -1.0)  # of PX4's axes: x forward, y right, z down
@@ -125,8 +127,8 @@ def read_flight(
 
     With `props_out`, rotors turn the other way than a Crazyflie's, whether the log states it or not.
 
-    Raises DataError for a log that lacks commands of all motors, rates or accelerations, or is sampled too slowly,
-    FitError for one of a vehicle with other than four motors.
+    Raises DataError for a log that lacks commands and speeds of all motors, rates or accelerations, or is sampled too
+    slowly, FitError for one of a vehicle with other than four motors.
     """
     return flight_of(read_recording(path), from_s=from_s, to_s=to_s, props_out=props_out)
 
@@ -138,38 +140,43 @@ def flight_of(
     if props_out:
         whole = replace(whole, facts=replace(whole.facts, props_out=True))
     _refuse_other_motors(whole)
-    first_s = channel(whole, command_names(whole)[0]).time_s
+    first_s = channel(whole, drive_names(whole)[0]).time_s
     refuse_repeated_times(whole.path, first_s)
     _check_spacing(first_s, whole)
     begin_s, end_s = _window(first_s, whole.path, from_s or 0.0, np.inf if to_s is None else to_s)
     log = between(whole, begin_s - _AROUND_S, end_s + _AROUND_S)
 
     findings: list[Finding] = []
-    commands, rates, forces, low_pass_hz = _signals(log, findings)
-    timed_s = [signal.time_s for signal in (*commands, rates, forces)]
+    commands, speeds, rates, forces, low_pass_hz = _signals(log, findings)
+    drives = speeds or commands  # which carry the vehicle
+    timed_s = [signal.time_s for signal in (*commands, *speeds, rates, forces)]
     begin_s, end_s = max(begin_s, *(time_s[0] for time_s in timed_s)), min(end_s, *(time_s[-1] for time_s in timed_s))
     _check_left(end_s - begin_s, log.path)
     rates, of_rates = _first_rows(rates)
     forces, of_forces = _first_rows(forces)
-    timed_s = [signal.time_s for signal in (*commands, rates, forces)]
+    timed_s = [signal.time_s for signal in (*drives, rates, forces)]
     for time_s in timed_s:
         _check_spacing(time_s, log)
     findings += [*_sensor_findings(GYRO, rates, of_rates), *_sensor_findings(ACCELEROMETER, forces, of_forces)]
-    held_s, of_commands = _held_commands(commands, filled=bool(of_rates.age_s or of_forces.age_s))
-    findings += of_commands
+    held_s = 0.0
+    if not speeds:
+        held_s, of_commands = _held_commands(commands, filled=bool(of_rates.age_s or of_forces.age_s))
+        findings += of_commands
 
     rows = int((end_s - begin_s) / ROW_S)
     row_s = np.asarray(begin_s + ROW_S * np.arange(rows), dtype=np.float64)
     step_s = np.asarray(begin_s + STEP_S * np.arange(rows * ROW_STEPS), dtype=np.float64)
     averaged = _apart_s(rates.time_s) < _AVERAGED_S
-    command = np.column_stack([_held(motor, step_s) for motor in commands])
+    command = np.column_stack([_held(motor, step_s) for motor in commands]) if commands else np.zeros((0, 4))
     force, rate = (at_rows(*sensor, row_s, averaged=averaged) for sensor in (forces, rates))
-    of_rows = command[::ROW_STEPS]
+    of_rows = np.column_stack([_held(motor, step_s)[::ROW_STEPS] for motor in drives])
     running = (of_rows > 0).all(axis=1)
     _check_units(log.path, force[running], rates.value[np.interp(rates.time_s, row_s, running) == 1])
     unseen = _in_gaps(timed_s, row_s, findings)
     airborne = in_air(of_rows, force, rate) & ~unseen
-    within = ~unseen & ((of_rows > DEAD_COMMAND) & (of_rows < FULL_COMMAND)).all(axis=1)
+    within = ~unseen
+    if commands:
+        within &= np.all((command > DEAD_COMMAND) & (command < FULL_COMMAND), axis=1)[::ROW_STEPS]
     velocity, attitude = motion_of(log, row_s)
     voltmeter = _voltmeter(log, begin_s, findings)
     flight = Flight(
@@ -188,6 +195,7 @@ def flight_of(
         attitude=attitude,
         # In the middle of the step over which each command is averaged.
         volts=None if voltmeter is None else np.interp(step_s - begin_s + STEP_S / 2, *voltmeter),
+        speeds=_together(speeds, begin_s) if speeds else None,
         props_out=log.facts.props_out is True,
     )
     flight, touches = without_touches(flight, begin_s=begin_s - first_s[0])
@@ -203,12 +211,14 @@ def flight_of(
     )
 
 
-def command_names(log: Recording) -> list[str]:
-    """Return the channel names of the commands of motors 1 to 4. Raises DataError where one is missing."""
-    names = [first_of(log, _COMMANDS, motor) for motor in MOTORS]
-    missing = ", ".join(f"motor.m{motor}" for motor, name in zip(MOTORS, names, strict=True) if name is None)
-    if not missing:
-        return [name for name in names if name is not None]
+def drive_names(log: Recording) -> list[str]:
+    """Return the names of the channels of motors 1 to 4: their commands, or where one is missing their speeds.
+
+    Raises DataError where there is neither.
+    """
+    if names := _of_all_motors(log, _COMMANDS) or _of_all_motors(log, _SPEEDS):
+        return names
+    missing = ", ".join(f"motor.m{motor}" for motor in MOTORS if first_of(log, _COMMANDS, motor) is None)
     remedy = f"no {missing}. Give the columns of a table these names."
     if "ULog of PX4" in log.facts.program:
         remedy = "no topic actuator_motors: PX4 has it from 1.13 on. Log it with the high rate of SDLOG_PROFILE."
@@ -218,6 +228,12 @@ def command_names(log: Recording) -> list[str]:
             "(blackbox_disable_motors = OFF)."
         )
     raise DataError(f"{log.path}: a flight's thrust is that of all four motors, and there is {remedy}")
+
+
+def _of_all_motors(log: Recording, patterns: Sequence[str]) -> list[str]:
+    """Return the names of the channels of motors 1 to 4, none where one is missing."""
+    names = [name for motor in MOTORS if (name := first_of(log, patterns, motor)) is not None]
+    return names if len(names) == len(MOTORS) else []
 
 
 def same_flight(log: Recording, other: Recording) -> bool:
@@ -243,7 +259,7 @@ def at_rows(time_s: Array, values: Array, row_s: Array, *, averaged: bool) -> Ar
 
 def _refuse_other_motors(log: Recording) -> None:
     """Raise FitError where motors beyond m1 to m4 run at any time in the series of the commands."""
-    series = log.holding(command_names(log)[0])
+    series = log.holding(drive_names(log)[0])
     further = [column for column in series.columns if _FURTHER.fullmatch(column.name)]
     others = [column.name for column in further if np.any(np.nan_to_num(column.values))]
     if others:
@@ -286,18 +302,17 @@ def _apart_s(time_s: Array) -> float:
 
 def _signals(
     log: Recording, findings: list[Finding]
-) -> tuple[list[Timed], Timed, Timed, tuple[float | None, float | None]]:
-    """Return commands of each motor, rates (n, 3), specific forces (n, 3), and the filters of accelerometer and gyro.
+) -> tuple[list[Timed], list[Timed], Timed, Timed, tuple[float | None, float | None]]:
+    """Return commands and speeds of each motor, rates (n, 3), specific forces (n, 3), and both sensors' filters.
 
-    Impossible values and rows in which a sensor hung are left out, and are then in `findings`. A missing command is not
-    replaced by the one before: what the motor did without it is unknown, so the row is treated as missing.
+    Of commands and speeds, one may be missing. Impossible values and rows in which a sensor hung are left out, and are
+    then in `findings`. A missing command is not replaced by the one before: what the motor did without it is unknown,
+    so the row is treated as missing.
     """
-    commands = []
-    for name, motor in zip(command_names(log), _commands_of(log), strict=True):
-        known = np.isfinite(motor.value)
-        if not known.any():
-            raise DataError(f"{log.path}: '{name}' has no number: a flight's thrust is that of all four motors.")
-        commands.append(_possible(Timed(motor.time_s[known], motor.value[known]), COMMANDS, name, findings))
+    speeds = {name: channel(log, name) for name in _of_all_motors(log, _SPEEDS)}
+    motors = []
+    for named, limits in ((_commands_of(log), COMMANDS), (speeds, SPEEDS)):
+        motors.append([_known(log, name, motor, limits, findings) for name, motor in named.items()])
     rates, rates_hz = _sensor(log, _RATES, "vehicle_angular_velocity", "rates", "rad/s")
     forces, forces_hz = _sensor(log, _FORCES, "vehicle_acceleration", "accelerations", "m/s^2")
     sensors = {
@@ -306,13 +321,36 @@ def _signals(
     }
     (rates_left, forces_left), hung = without_hung(sensors)
     findings += hung
-    return commands, Timed(*rates_left), Timed(*forces_left), (forces_hz, rates_hz)
+    return motors[0], motors[1], Timed(*rates_left), Timed(*forces_left), (forces_hz, rates_hz)
 
 
-def _commands_of(log: Recording) -> list[Timed]:
-    """Return the times (n,) and commands (n,), 0 to 65535, of each motor. Raises DataError for other units."""
-    commands = [channel(log, name) for name in command_names(log)]
-    most = max(float(np.nanmax(motor.value, initial=0.0)) for motor in commands)
+def _known(log: Recording, name: str, motor: Timed, limits: Limits, findings: list[Finding]) -> Timed:
+    """Return a motor's values (n,) that are numbers and possible. Raises DataError where there is none."""
+    known = np.isfinite(motor.value)
+    if not known.any():
+        raise DataError(f"{log.path}: '{name}' has no number: a flight's thrust is that of all four motors.")
+    return _possible(Timed(motor.time_s[known], motor.value[known]), limits, name, findings)
+
+
+def _together(speeds: Sequence[Timed], begin_s: float) -> Timed:
+    """Return the speeds (k, 4) at the times of the first motor's, since `begin_s`, each in the middle of its step.
+
+    Telemetry counts the whole steps of a rotor's period, so that a speed is between the one that is shown and the next
+    smaller one of the log; where speeds have no steps, that is hardly another.
+    """
+    time_s = speeds[0].time_s
+    columns = []
+    for motor in speeds:
+        steps, place = np.unique(np.abs(motor.value), return_inverse=True)
+        steps[1:] = (steps[1:] + steps[:-1]) / 2
+        columns.append(np.interp(time_s, motor.time_s, steps[place]))
+    return Timed(time_s - begin_s, np.column_stack(columns))
+
+
+def _commands_of(log: Recording) -> dict[str, Timed]:
+    """Return the times (n,) and commands (n,), 0 to 65535, of each motor by name. Raises DataError for other units."""
+    commands = {name: channel(log, name) for name in _of_all_motors(log, _COMMANDS)}
+    most = max((float(np.nanmax(motor.value, initial=0.0)) for motor in commands.values()), default=0.0)
     if (scale := other_scale(most)) is not None:
         raise DataError(
             f"{log.path}: commands of at most {most:.3g}, where full thrust is {FULL_COMMAND:g}: are they {scale}? "
@@ -322,8 +360,8 @@ def _commands_of(log: Recording) -> list[Timed]:
 
 
 def _command_rows(log: Recording) -> set[bytes]:
-    """Return the distinct rows of commands, as whole numbers, in which the four commands are not all equal."""
-    commands = [motor.value for motor in _commands_of(log)]
+    """Return the distinct rows of commands or speeds, as whole numbers, in which the four are not all equal."""
+    commands = [channel(log, name).value for name in drive_names(log)]
     if len(set(map(len, commands))) > 1:
         return set()
     rows = np.rint(np.column_stack(commands))
@@ -336,7 +374,7 @@ def _sensor(log: Recording, kinds: Sequence[_Sensor], topic: str, what: str, uni
 
     The series of the commands comes first: others may be of another flight.
     """
-    commanded = log.holding(command_names(log)[0])
+    commanded = log.holding(drive_names(log)[0])
     others = [series for series in log.series.values() if series is not commanded]
     for names, signs, low_pass_hz in kinds:
         for series in (commanded, *others):

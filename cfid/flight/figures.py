@@ -10,19 +10,19 @@ from matplotlib.figure import Figure
 from cfid.drawing.style import MODEL, RECORDED, draw_line, figure, legend, name_panel, styled
 from cfid.findings import Finding, texts
 from cfid.flight.braking import AxisDrag
-from cfid.flight.estimation import FlightFit
+from cfid.flight.estimation import Fitted
 from cfid.flight.model import FlightEquation
-from cfid.flight.rows import AXES, ROW_S
+from cfid.flight.rows import AXES
 
 Array = npt.NDArray[np.float64]
 
-_SHOWN = 400  # rows with the largest effect of the rotors
-_MEAN = 5  # rows of a drawn mean: 50 ms
+_SHOWN_S = 4.0  # with the largest effect of the rotors
+_MEAN_S = 0.05
 
 
 @styled
 def flight_figure(
-    fit: FlightFit, drags: Mapping[str, AxisDrag | None], findings: Sequence[Finding], *, title: str
+    blocks: Fitted, drags: Mapping[str, AxisDrag | None], findings: Sequence[Finding], *, title: str, row_s: float
 ) -> Figure:
     """Return the four most dynamic seconds of each equation with the rotors' contribution, and drag where known."""
     known = {axis: drag for axis, drag in drags.items() if drag is not None}
@@ -30,21 +30,24 @@ def flight_figure(
     rejections = [f"Rejected: {text}" for text in texts(findings, "rejection")]
     page, grid = figure(len(heights), 2, heights_in=heights, title=title, rejections=rejections)
     for place, axis in enumerate((None, 0, 1, 2)):
-        same = [each for each in fit.blocks if each[0].axis == axis]
-        _draw(page.add_subplot(grid[place, :]), "abcd"[place], *max(same, key=lambda each: float(np.std(each[1]))))
+        same = [each for each in blocks if each[0].axis == axis]
+        _draw(
+            page.add_subplot(grid[place, :]), "abcd"[place], *max(same, key=lambda each: float(np.std(each[1]))), row_s
+        )
     for place, (axis_name, drag) in enumerate(known.items()):
         _draw_drag(page.add_subplot(grid[4, place]), f"({'ef'[place]}) {axis_name}", drag)
     return page
 
 
-def _draw(axes: Axes, letter: str, block: FlightEquation, rotors: Array) -> None:
+def _draw(axes: Axes, letter: str, block: FlightEquation, rotors: Array, row_s: float) -> None:
     what, unit = ("vertical", "m/s²") if block.axis is None else (AXES[block.axis], "rad/s²")
     name_panel(axes, f"({letter}) {what}", x="time (s)", y=f"acceleration ({unit})")
-    begins = range(0, max(len(rotors) - _SHOWN, 0) + 1, _SHOWN // 4)
-    begin = max(begins, key=lambda at: float(np.std(rotors[at : at + _SHOWN])))
-    seen = slice(begin, begin + _SHOWN)
-    time_s = np.asarray(ROW_S * np.arange(len(rotors[seen])), dtype=np.float64)
-    shown, explained = (np.convolve(each, np.full(_MEAN, 1 / _MEAN), "same")[seen] for each in (block.shown, rotors))
+    count, length = round(_SHOWN_S / row_s), max(round(_MEAN_S / row_s), 1)
+    begins = range(0, max(len(rotors) - count, 0) + 1, count // 4)
+    begin = max(begins, key=lambda at: float(np.std(rotors[at : at + count])))
+    seen = slice(begin, begin + count)
+    time_s = np.asarray(row_s * np.arange(len(rotors[seen])), dtype=np.float64)
+    shown, explained = (np.convolve(each, np.full(length, 1 / length), "same")[seen] for each in (block.shown, rotors))
     offset = float(np.mean(shown) - np.mean(explained))
     draw_line(axes, time_s, shown, color=RECORDED, lw=0.9, label="measured")
     draw_line(axes, time_s, explained + offset, color=MODEL, lw=1.1, label="rotors")

@@ -7,6 +7,7 @@ named, with the numbers; what caused it is for the reader to find.
 
 import math
 from collections.abc import Mapping, Sequence
+from fnmatch import fnmatchcase
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +26,7 @@ from cfid.flight.estimation import (
 from cfid.flight.model import DELAYS, THRUST, TURNS
 from cfid.flight.rows import AXES, LEVER, ROW_S, Flight, segments
 from cfid.flight.values import DELAY, MOMENTS, SINGLE, TIMES, Body, lever_m, thrust_key, times_of
+from cfid.records.parameters import Parameter
 from cfid.units import MOTORS, USUAL_GRAVITY_MPS2
 
 Array = npt.NDArray[np.float64]
@@ -41,7 +43,7 @@ CALM = 0.9
 _FED_BACK = 0.03  # of a moment: above it, a warning states how much older torques would change it
 # The least change of a rate by torques: with less, older torques show noise alone. A smoothed gyro has 1.4 to 2.2.
 _STILL_RAD_PER_S2 = 0.5
-_MANOEUVRES = {
+MANOEUVRES = {
     "roll": "tilt quickly to the right and left, several times a second, for 20 s",
     "pitch": "tilt quickly forward and back, several times a second, for 20 s",
     "yaw": "turn quickly left and right about the vertical for 20 s",
@@ -141,7 +143,7 @@ def findings_of(
         *_torque_faults(fit, arms_m, props_out=flights[0].flight.props_out),
         *_moment_findings(fit, body, flights[0]),
         # With wrong axes, velocities explain little of the force, however much the vehicle moved.
-        *([] if moved_unlike else _drag_findings(drags)),
+        *([] if moved_unlike else drag_findings(drags)),
     )
 
 
@@ -240,7 +242,7 @@ def _moment_findings(fit: FlightFit, body: Body, flown: FlownLog) -> list[Findin
                 f"{100 * max(motion.explained, 0):.0f} % of its changes in {ROW_S * fit.rows:.0f} s; the moment is "
                 f"known to {100 * std / max(abs(gain), 1e-300):.0f} % (limit {100 * LOOSE:.0f} %), for 20 s to "
                 f"{100 * motion.unclear:.0f} % (at least {LEAST_TURN_RAD_PER_S2:g} rad/s^2, or {100 * EXPLAINED:.0f} % "
-                f"and {100 * CLEAR:g} % for 20 s): {_MANOEUVRES[axis]}{within}."
+                f"and {100 * CLEAR:g} % for 20 s): {MANOEUVRES[axis]}{within}."
             )
             findings.append(rejection("flight-moment-not-excited", text, MOMENTS[axis]))
         elif fed_back > _FED_BACK:
@@ -280,7 +282,8 @@ def _wrong_ways(fit: FlightFit, *, props_out: bool) -> list[Finding]:
     ]
 
 
-def _drag_findings(drags: Mapping[str, AxisDrag | None]) -> list[Finding]:
+def drag_findings(drags: Mapping[str, AxisDrag | None]) -> list[Finding]:
+    """Judge drag by how much the vehicle moved, and by what drag explains."""
     findings = []
     for axis, drag in drags.items():
         keys = f"flight.drag_over_mass_per_s.{axis}", f"flight.drag_kg_per_s.{axis}"
@@ -300,6 +303,12 @@ def _drag_findings(drags: Mapping[str, AxisDrag | None]) -> list[Finding]:
         elif not drag.std < LOOSE * abs(drag.rate):
             findings.append(warning("flight-drag-not-excited", text, *keys))
     return findings
+
+
+def determined(quantities: Mapping[str, Parameter], findings: Sequence[Finding]) -> tuple[str, ...]:
+    """Return the keys that the flights determine; all keys where they determine none."""
+    lost = [key for finding in findings if finding.severity == "rejection" for key in finding.quantities]
+    return tuple(key for key in quantities if not any(fnmatchcase(key, each) for each in lost)) or tuple(quantities)
 
 
 # What contradicts the stated axes, units, motors and channels

@@ -40,6 +40,7 @@ SAG_S = 5.0  # half the shortest period in which the battery's charge changes th
 # The delay of a filter of 240 Hz: steps of 2 ms show none above 250 Hz.
 _LEAST_FILTERED_S = 1e-4
 _KEPT = 4  # the number of cached equations: those of a solution's lags and delays, and of slopes around it
+_ROUNDS = 3  # in which noise and coefficients are estimated alternately
 PAST = 16  # rows that predict the next: 0.16 s
 DELAY_S = 0.008  # the initial value
 LAGS, DELAYS, THRUST, TURNS = slice(0, 2), slice(2, 4), slice(4, 7), slice(7, 10)  # of the parameters
@@ -84,7 +85,7 @@ def equations_of(flight: Flight) -> EquationsOf:
     that delay. The last few equations are cached: for a slope over the gyro's delay, those of the accelerometer stay
     the same.
     """
-    along_z = _others_along_z(flight)
+    along_z = others_along_z(flight)
 
     @lru_cache(_KEPT)
     def late(lag: ThrustLag, command_s: float) -> Array:
@@ -156,7 +157,7 @@ def _over_rotors(each: Array) -> Array:
     return np.asarray(each[..., 0] + each[..., 1] + each[..., 2] + each[..., 3])
 
 
-def _others_along_z(flight: Flight) -> Array:
+def others_along_z(flight: Flight) -> Array:
     """Return the effects other than the rotors' that may act vertically (m, q)."""
     climb = _climbing(flight) if flight.velocity is None else flight.velocity[:, 2:]
     count = len(flight.rates)
@@ -265,6 +266,33 @@ def whitening(block: FlightEquation, left: Array, *, fed_back: bool = False, row
     basis = np.linalg.qr(taken / np.maximum(np.linalg.norm(taken, axis=0), 1e-300))[0]
     white = _filtered(left[:, np.newaxis], coefficients, block.lengths)[:, 0]
     return White(coefficients, block.lengths, basis, gain_of(others), max(float(np.std(white)), 1e-12))
+
+
+class WhitenedFit(NamedTuple):
+    """The least-squares solution (p,) of equations, with its whitened rows (n, p), their errors (n,) and their size."""
+
+    values: Array
+    rows: Array
+    errors: Array
+    size: float
+
+
+def whitened_fit(blocks: Sequence[FlightEquation], *, past: int) -> WhitenedFit:
+    """Fit the coefficients of the terms of equations, alternately with the noise that `past` rows before each predict.
+
+    The size of the errors is the geometric mean of those of the equations, before they are scaled.
+    """
+    values = np.zeros(blocks[0].terms.shape[1])
+    for _ in range(_ROUNDS):
+        white = [
+            whitening(block, without(block.shown - block.terms @ values, block.others), rows=past) for block in blocks
+        ]
+        rows = np.concatenate([one.of(block.terms) for one, block in zip(white, blocks, strict=True)])
+        shown = np.concatenate(
+            [one.of(block.shown[:, np.newaxis])[:, 0] for one, block in zip(white, blocks, strict=True)]
+        )
+        values = gain_of(rows) @ shown
+    return WhitenedFit(values, rows, shown - rows @ values, float(np.exp(np.mean(np.log([one.size for one in white])))))
 
 
 def without(values: Array, others: Array) -> Array:

@@ -1,33 +1,35 @@
 """Collect what flights show of a vehicle: quantities, findings, and lines on what was assumed and excited."""
 
 from collections.abc import Mapping, Sequence
-from fnmatch import fnmatchcase
 
 from cfid.errors import ConfigError, DataError
 from cfid.estimate.common_causes import power_law, with_common_causes
-from cfid.findings import Finding
 from cfid.flight.braking import AxisDrag, fit_drag
 from cfid.flight.data import FlownLog, same_flight
 from cfid.flight.estimation import FlightFit, fit_flights, refuse_still
-from cfid.flight.findings import findings_of
+from cfid.flight.findings import determined, findings_of
+from cfid.flight.rows import ROW_S
+from cfid.flight.speed_result import of_speeds
 from cfid.flight.supply import with_usable_voltages
-from cfid.flight.values import Body, causes_of, covariances_of, given, quantities_of, rescaled_thrust
+from cfid.flight.values import RESTS_ON, Body, causes_of, covariances_of, given, quantities_of, rescaled_thrust
 from cfid.recordings.read import description
-from cfid.records.parameters import Parameter
 from cfid.records.result import Dependent, Figures, Result
 
-_RESTS_ON = ("vehicle.mass_kg", "vehicle.mass_std_kg", "loadcell.arm_mm", "loadcell.arm_std_mm")
 _DRAG_AXES = ("forward", "left")
 
 
 def fit(flights: Sequence[FlownLog], *, body: Body) -> Result:
     """Fit thrust, lag, moments of inertia and drag of one vehicle to its flights, as far as these determine them.
 
+    Where all logs have the rotors' speeds, these take the place of commands, lag and voltage.
+
     Raises ConfigError for no flight, DataError for a flight given twice or with drives in other units, and FitError
     where nothing flew for long enough, or rotors explain too little for any of these quantities.
     """
     _check(flights)
     drags = {name: fit_drag([flown.flight for flown in flights], axis=axis) for axis, name in enumerate(_DRAG_AXES)}
+    if all(flown.flight.speeds is not None for flown in flights):
+        return of_speeds(flights, drags, body)
     if not any(drag is not None and drag.excited for drag in drags.values()):
         refuse_still([flown.flight for flown in flights])
     fitted = fit_flights([flown.flight for flown in flights])
@@ -45,13 +47,13 @@ def fit(flights: Sequence[FlownLog], *, body: Body) -> Result:
         from cfid.flight.figures import flight_figure
 
         title = ", ".join(flown.flight.name for flown in flights)
-        return {f"fit_flight_{name}": flight_figure(fitted, drags, findings, title=title)}
+        return {f"fit_flight_{name}": flight_figure(fitted.blocks, drags, findings, title=title, row_s=ROW_S)}
 
     result = Result(
         command="fit flight",
         method="default",
         quantities=quantities,
-        wanted=_wanted(measured, findings),
+        wanted=determined(measured, findings),
         findings=findings,
         merits={
             "rows": fitted.rows,
@@ -60,7 +62,7 @@ def fit(flights: Sequence[FlownLog], *, body: Body) -> Result:
             "drag_explained": {axis: drag.explained for axis, drag in drags.items() if drag is not None},
         },
         sources=tuple(flown.log.source for flown in flights),
-        rests_on=_RESTS_ON,
+        rests_on=RESTS_ON,
         covariances=covariances_of(fitted, body),
         lines=tuple(_lines(flights, fitted, drags)),
         drawings=drawings,
@@ -79,12 +81,8 @@ def _check(flights: Sequence[FlownLog]) -> None:
                 raise DataError(f"{flown.log.path}: the same flight as {before.log.path.name}: name each once.")
         if flown.flight.in_volts != flights[0].flight.in_volts:
             raise DataError(f"{flown.log.path}: only some of the logs have the battery's voltage: fit them apart.")
-
-
-def _wanted(quantities: Mapping[str, Parameter], findings: Sequence[Finding]) -> tuple[str, ...]:
-    """Return the keys that the flights determine; all keys where they determine none."""
-    lost = [key for finding in findings if finding.severity == "rejection" for key in finding.quantities]
-    return tuple(key for key in quantities if not any(fnmatchcase(key, each) for each in lost)) or tuple(quantities)
+        if (flown.flight.speeds is None) != (flights[0].flight.speeds is None):
+            raise DataError(f"{flown.log.path}: only some of the logs have the speeds of all rotors: fit them apart.")
 
 
 def _lines(

@@ -6,8 +6,10 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
+from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
+from cfid.recordings.crazyflie import Timed
 from cfid.units import MOTOR_AZIMUTH_DEG, MOTORS, ROTOR_TURNS
 
 Array = npt.NDArray[np.float64]
@@ -17,6 +19,7 @@ ROW_S = 0.01  # between rows of the sensors: motion is far below 50 Hz
 ROW_STEPS = 5
 STEP_S = ROW_S / ROW_STEPS  # of drives: a Crazyflie's commands change every 2 ms at most
 AXES = ("roll", "pitch", "yaw")
+_INSTANT_S = 1e-4
 LEVER = 0.5**0.5  # the lever about x or y relative to the arm
 
 # The signs with which thrusts turn the vehicle about x and y, and their reaction torques about z; (3, 4).
@@ -35,13 +38,14 @@ class Flight:
 
     `rates` (m, 3) in rad/s and `force` (m, 3), the specific force in m/s^2, are along the vehicle's axes, as is
     `velocity` (m, 3) in m/s, None where unknown. `attitude` (m, 4) is the quaternion w, x, y, z that turns these axes
-    to the world's. `volts` (n,) is the battery's voltage, None where it is unknown or not used. `averaged` is true
-    where rows are means over their 10 ms. `airborne` (m,) marks rows in the air; `driven` (m,) marks those among them
-    at which every rotor has been under a command within its range for a while. `beyond` (m,) marks rows at which the
-    gyro was at an end of its range. With `props_out`, rotors turn the other way than a Crazyflie's: front right
-    clockwise, seen from above. `low_pass_hz` are the cut-offs of the Butterworth filters of accelerometer and gyro,
-    None where unknown, `ages_s` are the times by which their readings may be older than the rows that show them, and
-    `held_s` is the time for which commands are repeated.
+    to the world's. `volts` (n,) is the battery's voltage, None where it is unknown or not used. `speeds` (k, 4) are
+    the rotors' in rad/s, at times since the first command, None where unknown; with them, commands may have no
+    rows. `averaged` is true where rows are means over their 10 ms. `airborne` (m,) marks rows in the air; `driven`
+    (m,) marks those among them at which every rotor has been under a command within its range for a while. `beyond`
+    (m,) marks rows at which the gyro was at an end of its range. With `props_out`, rotors turn the other way than a
+    Crazyflie's: front right clockwise, seen from above. `low_pass_hz` are the cut-offs of the Butterworth filters
+    of accelerometer and gyro, None where unknown, `ages_s` are the times by which their readings may be older than
+    the rows that show them, and `held_s` is the time for which commands are repeated.
     """
 
     name: str
@@ -58,6 +62,7 @@ class Flight:
     velocity: Array | None = None
     attitude: Array | None = None
     volts: Array | None = None
+    speeds: Timed | None = None
     props_out: bool = False
 
     @cached_property
@@ -89,6 +94,18 @@ class Flight:
     def row_drives(self) -> Array:
         """The drives (m, 4) at the sensors' rows."""
         return self.drive[::ROW_STEPS][: len(self.rates)]
+
+    @cached_property
+    def _turned(self) -> CubicSpline:
+        """The integral of the speeds over time."""
+        assert self.speeds is not None
+        return CubicSpline(*self.speeds).antiderivative()
+
+    def row_speeds(self, delay_s: float) -> Array:
+        """Return the speeds (m, 4) at the sensors' rows, of rotors that are logged later than the sensors by a time."""
+        half_s = ROW_S / 2 if self.averaged else _INSTANT_S
+        low, high = self.time_s + delay_s - half_s, self.time_s + delay_s + half_s
+        return np.asarray((self._turned(high) - self._turned(low)) / (2 * half_s))
 
     @property
     def rates_known(self) -> Mask:

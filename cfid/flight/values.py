@@ -18,6 +18,7 @@ from cfid.units import FULL_COMMAND, MOTORS, USUAL_GRAVITY_MPS2
 
 Array = npt.NDArray[np.float64]
 
+RESTS_ON = ("vehicle.mass_kg", "vehicle.mass_std_kg", "loadcell.arm_mm", "loadcell.arm_std_mm")
 MOMENTS = {axis: f"flight.inertia_kg_m2.{axis}" for axis in AXES}
 _RISING, _FALLING, _MEAN = "flight.rising_s", "flight.falling_s", "flight.time_constant_s"
 DELAY, SINGLE = "flight.delay_s", "flight.single_lag_s"
@@ -107,6 +108,12 @@ def quantities_of(fit: FlightFit, drags: Mapping[str, AxisDrag | None], body: Bo
         if lever is not None and gain != 0:  # a gyro that is stuck shows no rotation
             moment = lever * body.mass_kg / gain
             quantities[MOMENTS[axis]] = Parameter(value=moment, std=abs(moment * gain_std / gain))
+    return quantities | drag_quantities(drags, body)
+
+
+def drag_quantities(drags: Mapping[str, AxisDrag | None], body: Body) -> dict[str, Parameter]:
+    """Return drag over mass, and drag with the mass taken as exact."""
+    quantities = {}
     for key, factor in (("flight.drag_over_mass_per_s", 1.0), ("flight.drag_kg_per_s", -body.mass_kg)):
         for axis, drag in drags.items():
             if drag is not None:

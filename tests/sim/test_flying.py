@@ -232,18 +232,18 @@ def test_an_accelerometer_off_the_centre_of_mass_feels_rotation(plans: Array) ->
     assert np.mean(turning) > 2
 
 
-@pytest.mark.parametrize(("rate_hz", "rejections"), [(500, set()), (100, {"flight-rows-apart"})])
+@pytest.mark.parametrize("rate_hz", [500, 100])
 def test_a_log_as_a_file_is_a_flight_whose_speeds_carry_its_weight(
-    flown: FlightLogs, tmp_path: Path, rate_hz: int, rejections: set[str]
+    flown: FlightLogs, tmp_path: Path, rate_hz: int
 ) -> None:
-    """Commands 10 ms apart do not show a rotor's lag, which is what the fit by commands needs."""
+    """With rotor speeds, rows 10 ms apart lack nothing: no lag is sought."""
     every = 500 // rate_hz
     columns = {name: values[::every] for name, values in {"t": flown.time_s, **flown.columns(3)}.items()}
     path = tmp_path / "flight.csv"
     np.savetxt(path, np.column_stack(list(columns.values())), "%.7g", ",", header=",".join(columns), comments="")
     read = read_flight(path)
     assert read.in_air_s > 2.9
-    assert {one.code for one in read.findings if one.severity == "rejection"} == rejections
+    assert {one.code for one in read.findings if one.severity == "rejection"} == set()
     assert {*LOGGED} <= {name for series in read.log.series.values() for name in series.names}
     squares = np.sum([channel(read.log, f"motor.m{motor}_rpm").value ** 2 for motor in (1, 2, 3, 4)], axis=0)
     k = FLEET[3].mass_kg * np.mean(channel(read.log, "acc.z").value) / np.mean(squares)
