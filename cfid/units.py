@@ -45,6 +45,7 @@ UNITS: dict[str, dict[str, float]] = {
         **dict.fromkeys(("rad/s", "rad.s^-1", "rad_per_s", "rad_s"), 1.0),
         **dict.fromkeys(("deg/s", "\u00b0/s", "deg_per_s", "deg_s"), math.pi / 180),
         **dict.fromkeys(("rpm", "1/min", "r/min", "min^-1"), RPM),
+        **{f"erpm/{pairs}": RPM / pairs for pairs in range(1, 25)},  # electrical ones, over a motor's pairs of poles
         **dict.fromkeys(("hz", "rps", "1/s"), 60 * RPM),
         "krpm": 1e3 * RPM,
         "mrad/s": 1e-3,

@@ -12,7 +12,7 @@ from cfid.flight.data import FlownLog
 from cfid.flight.estimation import EXPLAINED
 from cfid.flight.findings import LOOSE, MANOEUVRES, determined, drag_findings, square_findings, weight_findings
 from cfid.flight.rows import AXES
-from cfid.flight.speeds import MEAN_S, SpeedFit, fit_speeds
+from cfid.flight.speeds import LATEST_S, MEAN_S, SpeedFit, fit_speeds
 from cfid.flight.values import MOMENTS, RESTS_ON, Body, drag_quantities, given
 from cfid.recordings.read import description
 from cfid.records.parameters import Parameter
@@ -25,6 +25,7 @@ _WHILE_TURNING = "tilt quickly left and right, forward and back, while the vehic
 # Of the moment about yaw by gyroscopic effects: the largest uncertainty that counts. Simulated flights that turn have 1
 # %; those that tilt and turn one after the other state 6 %, and miss by 11 %.
 _CLEAR = 0.03
+_LATE = 0.9  # of the latest delay that is tried: beyond, the best one may be later still
 _DELAY_STD_S = 5e-4  # of telemetry and sensors, which take turns: what their delay scatters by
 # The powers with which quantities depend on the units of the causes.
 _OF_ARM = {"kg": 1.0, "m": 1.0, "slope": 1.0}
@@ -95,8 +96,7 @@ def _slope(fit: SpeedFit) -> Cause:
 def _causes(fit: SpeedFit, body: Body, flights: Sequence[FlownLog]) -> dict[str, dict[Cause, float]]:
     """Return the causes by the unit that they scale.
 
-    The level of thrust is gravity's where the attitude is known or a firmware took the accelerometer's scale at rest;
-    else the accelerometer's zero error counts.
+    The level of thrust is gravity's where a firmware took the accelerometer's scale at rest; else its zero counts.
     """
     mass = Cause("mass", body.mass_std_kg / body.mass_kg or None)
     causes = {"kg": {mass: 1.0}, "N": {mass: 1.0}, "N m": {mass: 1.0}, "slope": {_slope(fit): 1.0}}
@@ -108,7 +108,7 @@ def _causes(fit: SpeedFit, body: Body, flights: Sequence[FlownLog]) -> dict[str,
         causes["N m/N"] = {Cause("torque over thrust", share): 1.0}
     scale = Cause("the accelerometer's scale", body.rescaled_std)
     causes["m/s^2"] = {scale: 1.0}
-    if not all(flown.flight.rescaled or flown.flight.attitude is not None for flown in flights):
+    if not all(flown.flight.rescaled for flown in flights):
         causes["level"] = {scale: 1.0}
     return causes
 
@@ -147,6 +147,13 @@ def _findings(fit: SpeedFit, body: Body) -> list[Finding]:
     if body.arm_m is None:
         findings.append(note("flight-lever-unknown", "no moment about roll and pitch: they need the arm (`arm_mm`)."))
     of_yaw = ("rotor_inertia_kg_m2", "motor.torque_poly", MOMENTS["yaw"])
+    if abs(fit.delay_s.n) > _LATE * LATEST_S:
+        text = (
+            f"speeds are shown {1e3 * fit.delay_s.n:.0f} ms after the rates that they cause (limit "
+            f"{1e3 * LATEST_S:.0f} ms, later or earlier): their times do not belong together."
+        )
+        keys = (MOMENTS["roll"], MOMENTS["pitch"], *of_yaw, *_AIR.values(), _DELAY)
+        findings.append(rejection("flight-delay-implausible", text, *keys))
     for axis, each in zip(AXES, fit.axes, strict=True):
         lost = of_yaw if axis == "yaw" else (MOMENTS[axis], _AIR[axis], *of_yaw)
         gain = each.coefficients[0]

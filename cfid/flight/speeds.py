@@ -32,7 +32,7 @@ from cfid.estimate.linear import sandwich
 from cfid.estimate.signals import block_means
 from cfid.flight.estimation import CrossedError
 from cfid.flight.model import FlightEquation, others_along_z, whitened_fit, without
-from cfid.flight.rows import AXES, LEVER, ROW_S, Flight, segments, turned_back
+from cfid.flight.rows import AXES, LEVER, ROW_S, Flight, segments
 from cfid.units import USUAL_GRAVITY_MPS2
 
 Array = npt.NDArray[np.float64]
@@ -42,7 +42,7 @@ MEAN_S = MEAN_ROWS * ROW_S
 _FEWEST_MEANS = 32  # in a segment
 _PAST = 4  # means that predict the next
 _SHORTEST_S = 5.0  # of all flights together
-_LATEST_S, _TRIED = 0.03, 7  # the largest delay, and how many are tried before the nearest is refined
+LATEST_S, _TRIED = 0.03, 7  # the largest delay, and how many are tried before the nearest is refined
 _LEVEL_S = 1.0  # whose mean forces are assumed to be independent
 # Half of e, the relative slope of k over speed: of published propellers of this size, and its standard uncertainty.
 _SLOPE, _SLOPE_STD = 0.025, 0.02
@@ -159,37 +159,15 @@ def _parts(flight: Flight) -> list[slice]:
 
 
 def _level(flights: Sequence[Flight]) -> tuple[UFloat, float]:
-    """Return k over mass, by the mean force that carries the vehicles, and the speed that carries it.
-
-    Where the attitude is known, gravity takes the accelerometer's place: over a flight, the mean force along the
-    world's vertical is the weight, up to how much faster the vehicle climbs at its end.
-    """
-    ratios, squares = [], []
+    """Return k over mass, by the mean force that carries the vehicles, and the speed that carries it."""
+    means = []
     for flight in flights:
-        lift = np.sum(flight.row_speeds(0.0) ** 2, axis=1)
-        scale = _scale(flight)
-        for part in _parts(flight):
-            columns = np.stack([scale * flight.force[part, 2], lift[part]])
-            force, square = block_means(columns, length=round(_LEVEL_S / ROW_S))
-            ratios.append(force / square)
-            squares.append(square)
-    ratio, square = np.concatenate(ratios), np.concatenate(squares)
-    value = float(np.average(ratio, weights=square))
-    std = float(np.std(ratio)) / math.sqrt(max(len(ratio) - 1, 1))
+        columns = np.stack([flight.force[:, 2], np.sum(flight.row_speeds(0.0) ** 2, axis=1)])
+        means += [block_means(columns[:, part], length=round(_LEVEL_S / ROW_S)) for part in _parts(flight)]
+    force, square = np.concatenate(means, axis=1)
+    value = float(np.sum(force) / np.sum(square))
+    std = float(np.std(force / square)) / math.sqrt(max(len(force) - 1, 1))
     return ufloat(value, std), math.sqrt(USUAL_GRAVITY_MPS2 / value / 4)
-
-
-def _scale(flight: Flight) -> float:
-    """Return by what forces have to be multiplied to carry the weight in the mean, 1 where the attitude is unknown."""
-    if flight.attitude is None or flight.velocity is None:
-        return 1.0
-    to_world = flight.attitude * [1, -1, -1, -1]
-    force, velocity = (turned_back(to_world, each)[:, 2] for each in (flight.force, flight.velocity))
-    parts = _parts(flight)
-    seconds = ROW_S * sum(part.stop - part.start for part in parts)
-    gained = sum(float(velocity[part.stop - 1] - velocity[part.start]) for part in parts)
-    carried: float = USUAL_GRAVITY_MPS2 + gained / seconds
-    return carried / float(np.mean(np.concatenate([force[part] for part in parts])))
 
 
 def _turning(
@@ -254,10 +232,10 @@ def _delay(flight: Flight, *equations: Callable[[Flight, float], FlightEquation]
         fits = [whitened_fit([equation(flight, delay_s)], past=_PAST) for equation in equations]
         return float(np.sum([len(white.errors) * math.log(white.size) for white in fits]))
 
-    tried_s = np.linspace(-_LATEST_S, _LATEST_S, _TRIED)
+    tried_s = np.linspace(-LATEST_S, LATEST_S, _TRIED)
     apart_s = float(tried_s[1] - tried_s[0])
     nearest_s = float(tried_s[np.argmin([unlikely(delay_s) for delay_s in tried_s])])
-    bounds = (max(nearest_s - apart_s, -_LATEST_S), min(nearest_s + apart_s, _LATEST_S))
+    bounds = (max(nearest_s - apart_s, -LATEST_S), min(nearest_s + apart_s, LATEST_S))
     best_s = float(minimize_scalar(unlikely, bounds=bounds, method="bounded", options={"xatol": 1e-4}).x)
     before, at, after = (unlikely(best_s + side * apart_s / 2) for side in (-1, 0, 1))
     curvature = max(before - 2 * at + after, 1e-12) / (apart_s / 2) ** 2
