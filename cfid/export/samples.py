@@ -24,7 +24,7 @@ from cfid.errors import DataError
 from cfid.estimate.voltage_cubic import IDLE, cubic_fault
 from cfid.export.render import commented, module
 from cfid.export.target import Target, target_named
-from cfid.export.vehicle import EXPORTED, ExportQuantity, ExportVehicle
+from cfid.export.vehicle import EXPORTED, ExportQuantity, ExportVehicle, of_flights
 from cfid.inertia.matrix import is_consistent
 from cfid.records.covariances import covariance_between, names_of, numbers_of, shaped_as
 from cfid.records.parameters import Parameter, Section, Value, plain
@@ -258,9 +258,10 @@ def _entries(
     """Return why a draw is no possible vehicle ("" if it is possible), and its entry in the list of each target."""
     thrust = vehicle.find("motor.thrust_poly")
     low, high = (None if thrust is None else thrust.commands) or (DEAD_COMMAND, FULL_COMMAND)
-    if reason := impossible(values, commands=(max(low, DEAD_COMMAND), high)):
-        return reason, {}
     drawn = with_values(vehicle, values)
+    found = {key: quantity.value for key, quantity in drawn.quantities.items()}
+    if reason := impossible(found, commands=(max(low, DEAD_COMMAND), high)):
+        return reason, {}
     try:
         rows = {target.name: module(target, drawn).rows for target in targets}
     except DataError as error:
@@ -269,7 +270,7 @@ def _entries(
 
 
 def with_values(vehicle: ExportVehicle, values: Mapping[str, Value]) -> ExportVehicle:
-    """Return a vehicle with other values, given by key; the range of the inverse thrust map follows the map."""
+    """Return a vehicle with other values, given by key, which the inverse thrust map's range and flights' follow."""
     quantities = {
         key: replace(quantity, value=values.get(key, quantity.value)) for key, quantity in vehicle.quantities.items()
     }
@@ -289,7 +290,7 @@ def with_values(vehicle: ExportVehicle, values: Mapping[str, Value]) -> ExportVe
             for row in inverse.value
         ]
         quantities["motor.command_of_thrust"] = replace(inverse, value=rows)
-    return replace(vehicle, quantities=quantities)
+    return replace(vehicle, quantities=quantities | of_flights(quantities, vehicle.frame))
 
 
 def _joint(vehicle: ExportVehicle, values: Values) -> Joint:
@@ -298,8 +299,10 @@ def _joint(vehicle: ExportVehicle, values: Values) -> Joint:
     for quantity in EVERYTHING.taken(vehicle):
         if quantity.origin == vehicle.quantities["gravity_mps2"].origin:
             fits[quantity.key] = (_stated(quantity), [quantity.key])
-        elif quantity.key != "motor.command_of_thrust" and (value := values.find(quantity.key)) is not None:
-            fits.setdefault(f"{value.fit.name} {value.fit.stem}", (value.section, []))[1].append(quantity.key)
+            continue
+        for key in quantity.made_of or (quantity.key,):
+            if key != "motor.command_of_thrust" and (value := values.find(key)) is not None:
+                fits.setdefault(f"{value.fit.name} {value.fit.stem}", (value.section, []))[1].append(key)
     return joint_of(list(fits.values()))
 
 

@@ -20,7 +20,9 @@ from cfid.records.files import first_fault
 from cfid.records.values import Values
 
 FOLDER = "exports"  # in a campaign's folder: exported files, and templates of its own
-_SIGNED = ("tf.delay_s",)  # negative where the force is earlier than its stamped input
+_SIGNED = (  # negative where the force is earlier than its stamped input, or where a moment points against its axis
+    "tf.delay_s", "flight.moment_per_velocity_ns.roll", "flight.moment_per_velocity_ns.pitch",
+)  # fmt: skip
 _MARKS = (  # the worst first
     "REJECTED", "IMPLAUSIBLE", "OUTDATED", "SIMULATED",
     "NO HOVERING", "EXTRAPOLATED", "OTHER RIG", "ASSUMED", "CALCULATED", "REMARK",

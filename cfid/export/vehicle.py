@@ -1,5 +1,9 @@
-"""Collect the quantities of a campaign or of a published set once for all exports: neither turned nor converted."""
+"""Collect the quantities of a campaign or of a published set once for all exports: neither turned nor converted.
 
+What flights give stands for inertia and drag that the rig did not measure.
+"""
+
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -33,11 +37,17 @@ EXPORTED = (
     "tf.time_constant_s",
     "tf.delay_s",
     "drag",
+    "flight.moment_per_velocity_ns.roll",
+    "flight.moment_per_velocity_ns.pitch",
     "rotor_inertia_kg_m2",
     "rotor_radius_m",
 )
+_INERTIA = "inertia.matrix_kg_m2"
+_SQUARE = "motor.thrust_per_speed_squared_n_s2"
 _DRAG = ("drag.simple_kg_per_rad", "drag.cross_coupling_kg_per_rad")
 _IN_EVERY_EXPORT = ("gravity_mps2", "centre_of_mass_m")
+_MOMENTS_IN_FLIGHT = tuple(f"flight.inertia_kg_m2.{axis}" for axis in ("roll", "pitch", "yaw"))
+_DRAG_IN_FLIGHT = tuple(f"flight.drag_kg_per_s.{axis}" for axis in ("forward", "left"))
 _AT_FULL_COMMAND = ("motor.max_thrust_n", "motor.speed_poly")
 _REFUSED = {
     "REJECTED": "{key} was rejected: {reason}",
@@ -57,7 +67,8 @@ class Caveat(NamedTuple):
 class ExportQuantity:
     """A value with its standard uncertainty of the same shape (None if unknown), its unit and its origin.
 
-    `commands` contains the smallest and the largest motor command of the fit, if the fit had any.
+    `commands` contains the smallest and the largest motor command of the fit, if the fit had any. `made_of` are the
+    keys of the quantities of flights that it was made of, if it was.
     """
 
     key: str
@@ -67,6 +78,7 @@ class ExportQuantity:
     origin: str
     caveats: tuple[Caveat, ...] = ()
     commands: tuple[float, float] | None = None
+    made_of: tuple[str, ...] = ()
 
     def is_marked(self, mark: str) -> bool:
         """Return whether a caveat has a mark."""
@@ -144,7 +156,7 @@ def collect(rig: Rig, values: Values, *, rig_file: str = "rig.toml", campaign: s
         of_fits = ((name, other_facts(fit.section, rig)) for name, fit in values.in_force.items())
         other = [Caveat("OTHER RIG", f"{name}: {reason}") for name, reason in of_fits if reason]
         stated["arm_m"] = replace(stated["arm_m"], caveats=(*stated["arm_m"].caveats, *other))
-    quantities = known | stated
+    quantities = _judged(known | stated, rig.vehicle.platform)
     further = {
         name: [
             _quantity(Quantity(key=key, fit=fit, rejection=fit.section.rejected.get(key, "")), rig)
@@ -158,7 +170,7 @@ def collect(rig: Rig, values: Values, *, rig_file: str = "rig.toml", campaign: s
         campaign=campaign,
         measured=max((f"{value.section.found:%Y-%m-%d}" for value in counting.values()), default=""),
         frame=rig.vehicle.body_frame,
-        quantities=_judged(quantities, rig.vehicle.platform),
+        quantities={**quantities, **of_flights(quantities, rig.vehicle.body_frame)},
         partial={key: quantity for key, quantity in fitted.items() if key not in quantities},
         further={name: found for name, found in further.items() if found},
         covariance={name: block for name, section in values.sections().items() if (block := _dependences(section))},
@@ -200,6 +212,59 @@ def collect_published(published: PublishedSet) -> ExportVehicle:
         quantities=_judged(quantities, published.platform),
         published=published,
     )
+
+
+def of_flights(quantities: Mapping[str, ExportQuantity], frame: BodyFrame) -> dict[str, ExportQuantity]:
+    """Return inertia and drag of flights in the body frame, for quantities in which the rig's are missing.
+
+    Flights show neither products of inertia nor drag along z: these are zero. Drag over velocity becomes that over the
+    rotors' speeds too by their speed at hovering. What has objections is not taken.
+    """
+    rigs = {key for key, quantity in quantities.items() if not quantity.made_of}
+    sound = {key: quantity for key, quantity in quantities.items() if not quantity.objections()}
+    moments = [sound[key] for key in _MOMENTS_IN_FLIGHT if key in sound]
+    braking = [sound[key] for key in _DRAG_IN_FLIGHT if key in sound]
+    speed_rad_s = _hover_speed_rad_s(quantities["mass_kg"], quantities["gravity_mps2"], sound.get(_SQUARE))
+    made = {}
+    if _INERTIA not in rigs and len(moments) == len(_MOMENTS_IN_FLIGHT):
+        value, std = _in_body([of.value for of in moments], frame), _in_body([of.std for of in moments], frame)
+        reason = "products of inertia were not measured and are zero"
+        made[_INERTIA] = _made_of(moments, _INERTIA, _diagonal(value, 0.0), _diagonal(std, None), reason)
+    if rigs.isdisjoint(_DRAG) and len(braking) == len(_DRAG_IN_FLIGHT) and speed_rad_s > 0:
+        value = [*(of.value / (4 * speed_rad_s) for of in braking), 0.0]
+        std = [*(of.std and of.std / (4 * speed_rad_s) for of in braking), None]
+        reason = "measured in flight at hovering; drag along z was not measured and is zero"
+        made[_DRAG[0]] = _made_of(braking, _DRAG[0], _in_body(value, frame), _in_body(std, frame), reason)
+    return _judged(made, "other")
+
+
+def _made_of(parts: Sequence[ExportQuantity], key: str, value: Value, std: Value, reason: str) -> ExportQuantity:
+    caveats = [*(caveat for part in parts for caveat in part.caveats), Caveat("ASSUMED", reason)]
+    return ExportQuantity(
+        key=key,
+        value=value,
+        std=std,
+        unit=unit_of(key),
+        origin=" and ".join(dict.fromkeys(part.origin for part in parts)),
+        caveats=tuple(dict.fromkeys(caveats)),
+        made_of=tuple(part.key for part in parts),
+    )
+
+
+def _in_body(along: Sequence[Value], frame: BodyFrame) -> list[Value]:
+    """Return numbers (3,) along forward, left and up, for which no sign matters, by axis of the body frame."""
+    of_axis = {axis: number for (axis, _), number in zip(frame.axes, along, strict=True)}
+    return [of_axis[axis] for axis in range(3)]
+
+
+def _diagonal(numbers: Sequence[Value], others: Value) -> Value:
+    return [[number if row == column else others for column in range(3)] for row, number in enumerate(numbers)]
+
+
+def _hover_speed_rad_s(mass: ExportQuantity, gravity: ExportQuantity, square: ExportQuantity | None) -> float:
+    """Return the rotors' speed at hovering, 0 where it is unknown or makes no sense."""
+    squared = 0.0 if square is None or square.value == 0 else mass.value * gravity.value / 4 / square.value
+    return math.sqrt(max(squared, 0.0))
 
 
 def _stated(rig: Rig, rig_file: str) -> dict[str, ExportQuantity]:

@@ -371,7 +371,8 @@ _STATED = _given(
     Quantity("arm_m", "m", "l", "vehicle's centre to a motor's axis", plausible=Range(0.015, 0.3, "a Crazyflie has "
              "0.046"), given_by="rig.toml's loadcell, or `cfid set arm_m 0.046`"),
     Quantity("rotor_inertia_kg_m2", "kg m^2", "I_r", "inertia of rotor and propeller about their axis",
-             plausible=Range(1e-10, 1e-5, "a Crazyflie has 3e-8"), given_by="`cfid set rotor_inertia_kg_m2 3e-8`"),
+             plausible=Range(1e-10, 1e-5, "a Crazyflie has 3e-8"),
+             given_by="`cfid fit flight` of a log with rotor speeds, or `cfid set rotor_inertia_kg_m2 3e-8`"),
     Quantity("rotor_radius_m", "m", "R", "radius of a propeller", plausible=Range(0.005, 0.15, "a Crazyflie has "
              "0.0231"), given_by="`cfid set rotor_radius_m 0.0231`"),
 )  # fmt: skip

@@ -18,7 +18,7 @@ from cfid.records.parameters import Parameter
 from cfid.records.rig_file import BodyFrame, thesis_rig
 from tests.export import thesis_vehicle as thesis
 from tests.export.reading import attributes, export, macros, python, toml, xml, yaml
-from tests.export.thesis_vehicle import INERTIA_KG_M2, sections, vehicle, with_value
+from tests.export.thesis_vehicle import INERTIA_KG_M2, flown_sections, sections, vehicle, with_value
 from tests.lab import values_of
 
 RPM = 2 * math.pi / 60
@@ -96,6 +96,34 @@ def test_the_inertia_that_others_copied_is_turned_in_every_file(
         moments = attributes(next(xml(gym, known).iter("inertia")))
         assert moments == {f"i{name}": entries[name] if name[0] == name[1] else 0 for name in entries}
         assert f'ixy="{entries["xy"]:.10g}" ixz="{entries["xz"]:.10g}"' in export(gym, known)  # left out
+
+
+def test_moments_and_drag_of_flights_stand_for_those_that_the_rig_did_not_measure() -> None:
+    for frame in right_handed():
+        body = thesis_rig().vehicle.model_copy(update={"body_frame": frame})
+        known = collect(thesis_rig().model_copy(update={"vehicle": body}), values_of(flown_sections()))
+        assert Derived(known).inertia_kg_m2 == np.diag([1.6e-5, 1.7e-5, 2.9e-5]).tolist()
+        assert Derived(known).drag_n_s_per_m == pytest.approx([8e-3, 9e-3, 0.0])
+    assert known.quantities["inertia.matrix_kg_m2"].origin == known.quantities["rotor_inertia_kg_m2"].origin
+    both = collect(thesis_rig(), values_of(sections() | flown_sections()))
+    assert [both.quantities[key].value for key in ("inertia.matrix_kg_m2", "drag.simple_kg_per_rad")] == [
+        INERTIA_KG_M2,
+        thesis.DRAG_KG_PER_RAD,
+    ]
+    assert both.find("flight.inertia_kg_m2.roll") is not None
+
+
+def test_json_has_the_uncertainties_of_flights_and_null_where_there_are_none() -> None:
+    known = collect(thesis_rig(), values_of(flown_sections()))
+    found = json.loads(export("json", known))["quantities"]
+    assert found["inertia.matrix_kg_m2"]["in_vehicle_frame"]["std"] == [
+        [pytest.approx(1.6e-7), None, None],
+        [None, pytest.approx(1.7e-7), None],
+        [None, None, pytest.approx(2.9e-7)],
+    ]
+    assert "products of inertia were not measured" in found["inertia.matrix_kg_m2"]["caveat"]
+    assert found["drag.simple_kg_per_rad"]["in_vehicle_frame"]["std"][2] is None
+    assert found["flight.moment_per_velocity_ns.pitch"]["value"] == -8e-4
 
 
 def test_rotors_stand_around_the_centre_of_mass() -> None:
@@ -214,6 +242,15 @@ def test_rotorpy_has_speeds_in_rad_s_and_constants_of_one_rotor(tmp_path: Path) 
     assert (quad["k_d"], quad["k_z"]) == pytest.approx((9.1785e-7, 10.311e-7))
     # rotorpy 3.0.0, crazyflie_params.py, from the thesis' cross-coupling model
     assert (crossed["k_d"], crossed["k_z"]) == pytest.approx((10.2506e-7, 7.553e-7), rel=1e-12)
+
+
+def test_the_inertia_of_rotors_that_flights_show_is_in_crazyflow_and_gazebo() -> None:
+    known = collect(thesis_rig(), values_of(flown_sections()))
+
+    assert toml("crazyflow", known)["cf2x_L250"]["prop_inertia"] == 3e-8
+    for name in ("gazebo", "px4-gazebo"):
+        along = [float(link.findtext("inertial/inertia/izz", "nan")) for link in xml(name, known).iter("link")]
+        assert along[1:] == pytest.approx([10 * 3e-8] * 4)  # joints turn 10 times slower
 
 
 @pytest.mark.parametrize("name", ["gazebo", "px4-gazebo"])

@@ -14,7 +14,7 @@ from cfid.export.target import caveats, need_keys, refuse
 from cfid.export.vehicle import EXPORTED, ExportVehicle, collect
 from cfid.records.rig_file import Rig, thesis_rig
 from tests.export.reading import TARGETS, export
-from tests.export.thesis_vehicle import section, sections, vehicle, with_value
+from tests.export.thesis_vehicle import flown_sections, section, sections, vehicle, with_value
 from tests.lab import values_of
 
 COMMENTED = [name for name, target in TARGETS.items() if target.comment]
@@ -144,7 +144,24 @@ def test_what_was_rejected_and_not_kept_is_refused_by_the_targets_that_could_use
     refuse(TARGETS["crazyflow"], known, values, force=force)
 
 
+def test_moments_of_a_rejected_flight_stand_for_none() -> None:
+    flown = flown_sections()
+    rejected = replace(flown["flight"], rejected={"flight.inertia_kg_m2.yaw": "nothing turned it."})
+    assert collect(thesis_rig(), values_of(flown | {"flight": rejected})).find("inertia.matrix_kg_m2") is None
+
+
 # Marks
+
+
+def test_what_flights_do_not_show_is_marked_as_assumed() -> None:
+    known = collect(thesis_rig(), values_of(flown_sections()))
+    assert marks("rotorpy", known)["ASSUMED"] == ["inertia.matrix_kg_m2", "drag.simple_kg_per_rad"]
+    assert "No place in this format" in " ".join(head("gazebo", known))
+    assert TARGETS["gazebo"].no_place(known)[-2:] == [
+        "flight.moment_per_velocity_ns.roll",
+        "flight.moment_per_velocity_ns.pitch",
+    ]
+    assert "rotor_inertia_kg_m2" in TARGETS["mujoco"].no_place(known)
 
 
 def test_what_lies_beyond_the_measured_commands_is_marked() -> None:

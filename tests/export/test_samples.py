@@ -16,7 +16,7 @@ from cfid.errors import DataError
 from cfid.export.samples import Joint, impossible, joint_of
 from cfid.records.covariances import covariance_between
 from cfid.records.parameters import Parameter, Section
-from tests.export.thesis_vehicle import INERTIA_KG_M2, section, sections
+from tests.export.thesis_vehicle import INERTIA_KG_M2, flown_sections, section, sections
 from tests.lab import Cfid, keep, keep_instead, made_run, new_campaign
 
 Array = npt.NDArray[np.float64]
@@ -244,6 +244,24 @@ def test_all_files_hold_the_same_vehicles_as_their_own_exports_write_them(cfid: 
             number["arm_m"] / np.sqrt(2) - number["centre_of_mass_m [1]"]
         )
     assert len({drone["mass"] for drone in drones}) == 20
+
+
+def test_moments_of_flights_are_drawn_as_flights_show_them(cfid: Cfid, tmp_path: Path) -> None:
+    new_campaign(tmp_path)
+    for name, fit in flown_sections().items():
+        keep(tmp_path, name, uncertain(fit))
+    ended = cfid("export", "samples", "--n", "20", "--out", "drawn")
+    assert ended.returncode == 0, ended.stderr
+    head, rows = read_csv(tmp_path / "drawn" / "samples.csv")
+    drones = json.loads((tmp_path / "drawn" / "samples_crazyflow.json").read_text())["drones"]
+
+    for row, drone in zip(rows, drones, strict=True):
+        number = dict(zip(head, row, strict=True))
+        assert [drone["J"][i][i] for i in range(3)] == pytest.approx(
+            [number[f"flight.inertia_kg_m2.{axis}"] for axis in ("roll", "pitch", "yaw")]
+        )
+        assert drone["drag_matrix"][1][1] == pytest.approx(number["flight.drag_kg_per_s.left"])
+    assert len({drone["J"][0][0] for drone in drones}) == 20
 
 
 def test_every_vehicle_that_is_delivered_is_possible_and_the_rejected_share_is_stated(

@@ -44,6 +44,15 @@ VOLTAGE_POLY = [-0.01, 0.04, -0.02, 0.006]
 RISING, FALLING = [7.0, 0.002], [3.0, 0.001]
 
 
+# What flights show, along forward, left and up.
+FLOWN = {
+    "flight.inertia_kg_m2.roll": 1.6e-5, "flight.inertia_kg_m2.pitch": 1.7e-5, "flight.inertia_kg_m2.yaw": 2.9e-5,
+    "flight.drag_kg_per_s.forward": -8e-3, "flight.drag_kg_per_s.left": -9e-3,
+    "flight.moment_per_velocity_ns.roll": 6e-4, "flight.moment_per_velocity_ns.pitch": -8e-4,
+    "rotor_inertia_kg_m2": 3e-8,
+}  # fmt: skip
+
+
 def section(parameters: Mapping[str, Any], *, rejected: str = "", run: str = "run_1") -> Section:
     """Return a section of parameters, each given as a value or as a Parameter."""
     return Section(
@@ -85,6 +94,13 @@ def sections() -> dict[str, Section]:
         ),
         "set": section({"arm_m": Parameter(value=ARM_M, std=1e-4, unit="m")}),
     }
+
+
+def flown_sections() -> dict[str, Section]:
+    """Return the sections of a campaign with a flight, and without swings and wind."""
+    parameters = {key: Parameter(value=v, std=0.01 * abs(v), unit=unit_of(key)) for key, v in FLOWN.items()}
+    rest = {name: found for name, found in sections().items() if name not in ("inertia", "drag")}
+    return rest | {"flight": section(parameters)}
 
 
 def vehicle(*without: str, frame: Mapping[str, str] | None = None, rejected: str = "") -> ExportVehicle:
