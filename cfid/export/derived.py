@@ -194,6 +194,17 @@ class Derived:
         return [4 * self.hover_speed_rad_s * drag for drag in self.drag_kg_per_rad]
 
     @cached_property
+    def flapping_kgm_per_rad(self) -> Numbers:
+        """The moments of air (2,) about x over velocity along y, and about y over that along x.
+
+        Both are also over the sum of the rotors' speeds, at hovering. They are zero if they were not measured.
+        """
+        if not self.has("flight.moment_per_velocity_ns.roll+flight.moment_per_velocity_ns.pitch"):
+            return [0.0, 0.0]
+        moments = [float(self[f"flight.moment_per_velocity_ns.{axis}"]) for axis in ("roll", "pitch")]
+        return [moment / (4 * self.hover_speed_rad_s) for moment in moments]
+
+    @cached_property
     def lags_s(self) -> Numbers:
         """The time constants of rising and falling rotor speeds, for small changes around hovering.
 

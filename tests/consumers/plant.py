@@ -37,6 +37,7 @@ MOST_RAD_S = thesis.SPEED_POLY[0] * 65535 + thesis.SPEED_POLY[1]
 UP_S, DOWN_S = (1 / (a + 2 * b * HOVER_RAD_S) for a, b in (thesis.RISING, thesis.FALLING))
 DRAG_KG_PER_RAD = np.array([9.1785e-7, 9.1785e-7, 10.311e-7])  # per velocity and per sum of the rotor speeds
 DRAG_1_S = DRAG_KG_PER_RAD * 4 * HOVER_RAD_S / MASS_KG  # deceleration per velocity in hover
+FLAPPING_NS = (6e-4, -8e-4)  # about x over velocity along y, about y over that along x
 MIXES = {"roll": np.array([-1, -1, 1, 1]), "pitch": np.array([-1, 1, 1, -1]), "yaw": np.array([-1, 1, -1, 1])}
 
 
@@ -44,6 +45,8 @@ def measured() -> ExportVehicle:
     """Return the vehicle of a campaign, with its centre of mass off the middle and its rotors measured."""
     known = thesis.with_value(thesis.vehicle(), "centre_of_mass_m", [0.001 * part for part in CENTRE_MM])
     known = thesis.with_value(known, "rotor_inertia_kg_m2", 3.0e-8)
+    for axis, moment_ns in zip(("roll", "pitch"), FLAPPING_NS, strict=True):
+        known = thesis.with_value(known, f"flight.moment_per_velocity_ns.{axis}", moment_ns)
     return thesis.with_value(known, "rotor_radius_m", 0.0225)
 
 

@@ -11,7 +11,9 @@ from tests.consumers.conftest import Judge
 from tests.consumers.plant import (
     DOWN_S,
     DRAG_1_S,
+    FLAPPING_NS,
     HOVER_RAD_S,
+    INERTIA,
     MIXES,
     UP_S,
     Array,
@@ -63,6 +65,10 @@ def test_rotorpy_flies_the_vehicle_with_its_own_controller(tmp_path: Path, judge
         -drone.statedot(state_of(np.full(4, HOVER_RAD_S), velocity=np.eye(3)[i]), still, STEP_S)["vdot"][i]
         for i in range(3)
     ]
+    at_rest, forward, left = (
+        INERTIA @ drone.statedot(state_of(np.full(4, HOVER_RAD_S), velocity=np.array(one)), still, STEP_S)["wdot"]
+        for one in ([0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+    )
     faster, state = {"cmd_motor_speeds": np.full(4, 1.1 * HOVER_RAD_S)}, state_of(np.full(4, HOVER_RAD_S))
     thrusts = [HOVER_RAD_S**2]
     for _ in range(600):
@@ -70,6 +76,9 @@ def test_rotorpy_flies_the_vehicle_with_its_own_controller(tmp_path: Path, judge
         thrusts.append(float(state["rotor_speeds"][0]) ** 2)
     level = HOVER_RAD_S**2 * (1 + (1 - np.exp(-1)) * (1.1**2 - 1))
 
+    mean_ns = (FLAPPING_NS[0] - FLAPPING_NS[1]) / 2
+    np.testing.assert_allclose((forward - at_rest)[:2], [0.0, -mean_ns], atol=1e-9)
+    np.testing.assert_allclose((left - at_rest)[:2], [mean_ns, 0.0], atol=1e-9)
     judge(
         Row(
             target="rotorpy",

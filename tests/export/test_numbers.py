@@ -244,6 +244,14 @@ def test_rotorpy_has_speeds_in_rad_s_and_constants_of_one_rotor(tmp_path: Path) 
     assert (crossed["k_d"], crossed["k_z"]) == pytest.approx((10.2506e-7, 7.553e-7), rel=1e-12)
 
 
+def test_rotorpys_flapping_moment_is_the_mean_of_those_about_roll_and_pitch(tmp_path: Path) -> None:
+    quad = python("rotorpy", collect(thesis_rig(), values_of(flown_sections())), tmp_path)
+
+    # Its moment is (-vy, vx, 0) k_flap times a rotor's speed.
+    assert -4 * HOVER_RAD_S * quad["k_flap"] == pytest.approx((6e-4 + 8e-4) / 2)
+    assert python("rotorpy", vehicle(), tmp_path)["k_flap"] == 0
+
+
 def test_the_inertia_of_rotors_that_flights_show_is_in_crazyflow_and_gazebo() -> None:
     known = collect(thesis_rig(), values_of(flown_sections()))
 
