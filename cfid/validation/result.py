@@ -34,8 +34,10 @@ from cfid.validation.predictions import (
     UNITS,
     ParameterSet,
     Rows,
+    best_delay,
     errors,
     next_rate_errors,
+    speeds_of,
     starts,
     thrust_errors,
     unchanged,
@@ -91,12 +93,13 @@ def validate(flown: FlownLog, sets: Sequence[ParameterSet], *, used: Sequence[Me
     fit = fit_alone(flown.flight)
     axes = [] if fit is None else [motion.name for motion in turnings(fit) if motion.tells]
     lifts = fit is not None and climbing(fit).tells
-    # Sensors and link delay a recording, not a vehicle: a set without this delay would err as one with wrong moments.
-    delay_s = float(fit.values[DELAYS][-1]) if fit and (axes or lifts) else 0.0
-    sets = [replace(each, delay_s=delay_s) for each in sets]
+    judged = [axis for axis in axes if axis != "yaw" or all(each.torque_m for each in sets)]
+    if judged:
+        sets = _with_delays(flown, sets, judged)
+    else:
+        sets = [replace(each, delay_s=float(fit.values[DELAYS][-1]) if fit and lifts else 0.0) for each in sets]
     segment_errors = {each.name: _errors(flown, each, at, axes, lifts=lifts) for each in sets}
     captured = flown.flight.velocity is not None and bool(axes)
-    judged = [axis for axis in axes if axis != "yaw" or all(each.torque_m for each in sets)]
     table = [replace(row, tells=row.quantity == "velocity" and not captured) for row in compared(segment_errors)]
     if captured:  # motion capture's velocities depend on predicted attitudes
         vertical = {each.name: errors(_without_capture(_flight(flown, each)), each, at)["velocity"] for each in sets}
@@ -133,9 +136,9 @@ def validate(flown: FlownLog, sets: Sequence[ParameterSet], *, used: Sequence[Me
         sources=(flown.log.source,),
         lines=(
             description(flown.log),
-            *map(_described, sets),
+            *(_described(each, flown.flight) for each in sets),
             *_lines(table, flown, at, judged),
-            _assumed(lifts=lifts, captured=captured, delay_s=delay_s),
+            _assumed(sets, lifts=lifts, captured=captured, judged=judged),
         ),
         drawings=drawings,
     )
@@ -158,6 +161,18 @@ def _check(flown: FlownLog, sets: Sequence[ParameterSet], used: Sequence[Measure
 def _flight(flown: FlownLog, parameters: ParameterSet) -> Flight:
     """Return the flight with the drives of which a set's thrust is a function."""
     return flown.flight if parameters.in_volts else flown.by_command
+
+
+def _with_delays(flown: FlownLog, sets: Sequence[ParameterSet], axes: Sequence[str]) -> list[ParameterSet]:
+    """Return sets with the delay of the one that predicts next rates best, of commands and of rotor speeds each.
+
+    Sensors and link delay a recording, not a vehicle: with a delay of its own, a set could replace a lag, and sets of
+    one thrust would differ in their climbs.
+    """
+    by_speed = [speeds_of(flown.flight, each) is not None for each in sets]
+    found = [best_delay(_flight(flown, each), each, axes) for each in sets]
+    delays_s = {way: min(one for one, its in zip(found, by_speed, strict=True) if its == way)[1] for way in by_speed}
+    return [replace(each, delay_s=delays_s[way]) for each, way in zip(sets, by_speed, strict=True)]
 
 
 def _without_capture(flight: Flight) -> Flight:
@@ -247,10 +262,12 @@ def _unpredicted(table: Sequence[SetError], flown: FlownLog, at: Rows) -> list[F
     return [warning("validation-rates-unpredicted", text).at(flown.flight.name)]
 
 
-def _described(parameters: ParameterSet) -> str:
+def _described(parameters: ParameterSet, flight: Flight) -> str:
     moments = ", ".join(f"{moment:.4g}" for moment in parameters.moments_kg_m2)
     lag = "no lag"
-    if parameters.lag is not None:
+    if speeds_of(flight, parameters) is not None:
+        lag = "by rotor speeds"
+    elif parameters.lag is not None:
         lag = f"lags {1e3 * parameters.lag.rising_s:.0f} and {1e3 * parameters.lag.falling_s:.0f} ms"
     body = f"{1e3 * parameters.mass_kg:.4g} g, lever {1e3 * LEVER * parameters.arm_m:.4g} mm, moments {moments} kg m^2"
     return f"{parameters.name}: {body}, {lag}; from {parameters.origin}"
@@ -280,15 +297,19 @@ def _lines(table: Sequence[SetError], flown: FlownLog, at: Rows, judged: Sequenc
     ]
 
 
-def _assumed(*, lifts: bool, captured: bool, delay_s: float) -> str:
+def _assumed(sets: Sequence[ParameterSet], *, lifts: bool, captured: bool, judged: Sequence[str]) -> str:
     which = "along all axes, by motion capture" if captured else "along the vehicle's vertical, by the accelerometer"
     if not lifts:
         which = (
             "along the vehicle's vertical, by the accelerometer, at each set's mean thrust, since this flight's climbs "
             "do not show how thrust follows commands"
         )
+    delays = " and ".join(dict.fromkeys(f"{1e3 * each.delay_s:.1f} ms" for each in sets))
+    by = (
+        "with which the best set's next rates err least" if judged else "by a fit to this flight, 0 where it shows none"
+    )
     return (
         f"assumed: axes forward, left, up; thrust along z; g {USUAL_GRAVITY_MPS2} m/s^2; changes of velocity {which}; "
-        "for every set alike, a constant angular acceleration of the whole flight taken away, and the gyro's delay by "
-        f"a fit to this flight added, {1e3 * delay_s:.1f} ms (0 where it shows none)"
+        "for every set alike, a constant angular acceleration of the whole flight taken away, and the gyro's delay "
+        f"added {by}: {delays}"
     )

@@ -5,12 +5,14 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from cfid.errors import CfidError, ConfigError
 from cfid.flight.data import same_flight
 from cfid.flight.model import ThrustLag
 from cfid.flight.rows import AXES
 from cfid.published import published_sets, turned
+from cfid.published.set_file import PublishedValue
 from cfid.recordings.read import read_recording
 from cfid.recordings.recording import Recording
 from cfid.records.campaign import Campaign
@@ -80,17 +82,25 @@ def measured_file(path: Path) -> Measured:
     return Measured(name=fit.stem, folder=folder, values=Values([fit], rig or thesis_rig(), lambda _: ()), rig=rig)
 
 
-def sets_of(measured: Measured, *, in_volts: bool) -> tuple[list[ParameterSet], list[str]]:
+class _Logged(NamedTuple):
+    """What a log shows besides commands: the battery's voltage, and rotor speeds."""
+
+    in_volts: bool
+    by_speed: bool
+
+
+def sets_of(measured: Measured, *, in_volts: bool, by_speed: bool = False) -> tuple[list[ParameterSet], list[str]]:
     """Return the sets that parameters give for a log with or without voltage, and why other sets are incomplete.
 
+    With rotor speeds in the log, `by_speed`, a set with thrust over speed needs neither thrust over commands nor lags.
     One set is from the rig's experiments, with rig.toml's mass and arm; the other is from flights, with the mass and
     arm that scaled them.
     """
     sets, missing = [], []
-    makers: dict[str, Callable[[Measured, str, bool], ParameterSet]] = {"rig": _of_rig, "flight": _of_flights}
+    makers: dict[str, Callable[[Measured, str, _Logged], ParameterSet]] = {"rig": _of_rig, "flight": _of_flights}
     for what, make in makers.items():
         try:
-            made = make(measured, f"{measured.name} ({what})", in_volts)
+            made = make(measured, f"{measured.name} ({what})", _Logged(in_volts, by_speed))
         except KeyError as error:
             missing.append(f"{measured.name}: no set of the {what}: {error.args[0]}")
             continue
@@ -120,6 +130,7 @@ def published_set(name: str) -> ParameterSet:
         thrust_n=thrust_n,
         in_volts=of_volts is not None,
         lag=None if lag is None else ThrustLag(lag.value, lag.value),
+        thrust_speed_n=_over_speed(published.find),
     )
 
 
@@ -138,15 +149,15 @@ def _impossible(vehicle: ParameterSet) -> str:
     return ""
 
 
-def _of_rig(measured: Measured, name: str, in_volts: bool) -> ParameterSet:
+def _of_rig(measured: Measured, name: str, logged: _Logged) -> ParameterSet:
     if measured.rig is None:
         raise KeyError("no rig.toml with mass and arm belongs to the fit.")
     matrix = turned(measured["inertia.matrix_kg_m2"].value, measured.rig.vehicle.body_frame)
-    lag_s = measured["tf.time_constant_s"].value
     arm_mm = measured.rig.facts.loadcell.arm_mm
     if arm_mm is None:
         raise KeyError("arm_mm is not in rig.toml.")
-    thrust_n, in_volts = _thrust(measured, "motor", in_volts)
+    thrust_n, in_volts = _thrust(measured, "motor", logged)
+    lag_s = measured["tf.time_constant_s"].value if thrust_n else None
     return ParameterSet(
         name=name,
         origin="its experiments on the rig",
@@ -156,14 +167,16 @@ def _of_rig(measured: Measured, name: str, in_volts: bool) -> ParameterSet:
         torque_m=float(measured["motor.torque_poly"].value[-2]),
         thrust_n=thrust_n,
         in_volts=in_volts,
-        lag=ThrustLag(lag_s, lag_s),
+        lag=None if lag_s is None else ThrustLag(lag_s, lag_s),
+        thrust_speed_n=_over_speed(measured.get),
+        rotor_inertia_kg_m2=_rotor_inertia_kg_m2(measured),
     )
 
 
-def _of_flights(measured: Measured, name: str, in_volts: bool) -> ParameterSet:
+def _of_flights(measured: Measured, name: str, logged: _Logged) -> ParameterSet:
     roll, pitch = (float(measured[f"flight.inertia_kg_m2.{axis}"].value) for axis in ("roll", "pitch"))
-    thrust_n, in_volts = _thrust(measured, "flight", in_volts)
-    forward, left = (measured.get(f"flight.drag_over_mass_per_s.{axis}") for axis in ("forward", "left"))
+    thrust_n, in_volts = _thrust(measured, "flight", logged)
+    lags_s = [measured[f"flight.{way}_s"].value for way in ("rising", "falling")] if thrust_n else None
     yaw, torque_m = measured.get("flight.inertia_kg_m2.yaw"), None
     if yaw is not None:  # with the torque over thrust that scaled it, else the rig's
         scaled, rig = measured.get("flight.torque_m"), measured.get("motor.torque_poly")
@@ -178,17 +191,45 @@ def _of_flights(measured: Measured, name: str, in_volts: bool) -> ParameterSet:
         torque_m=float(torque_m or 0.0),
         thrust_n=thrust_n,
         in_volts=in_volts,
-        lag=ThrustLag(measured["flight.rising_s"].value, measured["flight.falling_s"].value),
-        drag_per_s=None if forward is None or left is None else (float(forward.value), float(left.value)),
+        lag=None if lags_s is None else ThrustLag(*lags_s),
+        drag_per_s=_pair(measured, "flight.drag_over_mass_per_s.forward", "flight.drag_over_mass_per_s.left"),
+        thrust_speed_n=_over_speed(measured.get),
+        rotor_inertia_kg_m2=_rotor_inertia_kg_m2(measured),
+        moment_per_velocity_ns=_pair(
+            measured, "flight.moment_per_velocity_ns.roll", "flight.moment_per_velocity_ns.pitch"
+        ),
     )
 
 
-def _thrust(measured: Measured, experiment: str, in_volts: bool) -> tuple[tuple[float, ...], bool]:
-    """Return one rotor's thrust, lowest power first, over volts if log and campaign have them, else over commands."""
+def _pair(measured: Measured, *keys: str) -> tuple[float, float] | None:
+    first, second = map(measured.get, keys)
+    return None if first is None or second is None else (float(first.value), float(second.value))
+
+
+def _rotor_inertia_kg_m2(measured: Measured) -> float:
+    found = measured.get("rotor_inertia_kg_m2")
+    return 0.0 if found is None else float(found.value)
+
+
+def _thrust(measured: Measured, experiment: str, logged: _Logged) -> tuple[tuple[float, ...], bool]:
+    """Return one rotor's thrust, lowest power first, over volts if log and campaign have them, else over commands.
+
+    There is none where the thrust over speed serves instead.
+    """
+    if logged.by_speed and _over_speed(measured.get) is not None:
+        return (), False
     of_volts = measured.get(f"{experiment}.thrust_voltage_poly")
-    if in_volts and of_volts is not None:
+    if logged.in_volts and of_volts is not None:
         return tuple(map(float, of_volts.value)), True
     return _over_full_command(measured[f"{experiment}.thrust_poly"].value), False
+
+
+def _over_speed(find: Callable[[str], Parameter | PublishedValue | None]) -> tuple[float, ...] | None:
+    """Return one rotor's thrust over its speed in rad/s, lowest power first, None where it is not known."""
+    poly, square = find("motor.thrust_speed_poly"), find("motor.thrust_per_speed_squared_n_s2")
+    if poly is not None:
+        return tuple(map(float, reversed(poly.value)))
+    return None if square is None else (0.0, 0.0, float(square.value))
 
 
 def _over_full_command(thrust_poly: Sequence[float]) -> tuple[float, ...]:
