@@ -98,12 +98,12 @@ def velocity_findings(flight: Flight) -> list[Finding]:
     text = (
         f"velocities show {share:.3g} of what accelerations, turned to the world by the attitude, add up to over 0.5 s "
         f"(limits {1 / _LARGEST:.2g} and {_LARGEST:g}), and the attitude turns {turned / max(gyro, 1e-300):.2g} times "
-        f"as much as the gyro (at least {_STUCK:g}), and what rests on both is wrong: give accelerations along the vehicle's axes, velocities in m/s along the world's "
-        "axes of the attitude, z up, and check that the attitude is tracked."
+        f"as much as the gyro (at least {_STUCK:g}), and what rests on both is wrong: give accelerations along the "
+        "vehicle's axes, vx, vy and vz in m/s along the world's axes of the attitude, z up, and check that it is "
+        "tracked."
     )
-    return [
-        rejection("flight-velocity-unlike-force", text, "flight.drag*", "motor.thrust*", "flight.moment_per_velocity*")
-    ]
+    lost = "flight.drag*", "motor.thrust*", "flight.moment_per_velocity*"
+    return [rejection("flight-velocity-unlike-force", text, *lost)]
 
 
 def _rates_of_both(flight: Flight) -> tuple[Array, Array]:

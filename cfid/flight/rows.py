@@ -120,7 +120,7 @@ class Flight:
     @property
     def step_driven(self) -> Mask:
         """Whether each drive (n,) belongs to a driven row."""
-        return np.repeat(self.driven, ROW_STEPS)[: len(self.drive)]
+        return np.repeat(self.driven, ROW_STEPS)[: len(self.drive) or None]
 
 
 def delayed(late: Array, delay_s: float) -> Array:

@@ -26,15 +26,19 @@ _WHILE_TURNING = "tilt quickly left and right, forward and back, while the vehic
 # %; those that tilt and turn one after the other state 6 %, and miss by 11 %.
 _CLEAR = 0.03
 _LATE = 0.9  # of the latest delay that is tried: beyond, the best one may be later still
+# A step of telemetry is 0.2 to 0.4 % of a speed, which lies somewhere in it, and rotors share what comes of that.
+_THRUST_STD = 0.002
+# Noise of an estimated velocity makes the moment of air small: by 2 to 3 % in simulated flights.
+_VELOCITY_STD = 0.025
 _DELAY_STD_S = 5e-4  # of telemetry and sensors, which take turns: what their delay scatters by
 # The powers with which quantities depend on the units of the causes.
 _OF_ARM = {"kg": 1.0, "m": 1.0, "slope": 1.0}
 _OF_TORQUE = {"kg": 1.0, "N m/N": 1.0, "slope": 1.0}
 _POWERS = {
-    _THRUST: {"kg": 1.0, "level": 1.0},
+    _THRUST: {"kg": 1.0, "level": 1.0, "rad/s": 1.0},
     MOMENTS["roll"]: _OF_ARM,
     MOMENTS["pitch"]: _OF_ARM,
-    "flight.moment_per_velocity_ns.*": _OF_ARM,
+    "flight.moment_per_velocity_ns.*": {**_OF_ARM, "m/s": 1.0},
     "flight.drag_kg_per_s.*": {"kg": 1.0, "m/s^2": 1.0},
     "flight.drag_over_mass_per_s.*": {"m/s^2": 1.0},
 }
@@ -106,6 +110,8 @@ def _causes(fit: SpeedFit, body: Body, flights: Sequence[FlownLog]) -> dict[str,
     if body.torque_m is not None:
         share = None if body.torque_std_m is None else body.torque_std_m / body.torque_m
         causes["N m/N"] = {Cause("torque over thrust", share): 1.0}
+    causes["rad/s"] = {Cause("steps of the speeds", _THRUST_STD): 1.0}
+    causes["m/s"] = {Cause("noise of the velocity", _VELOCITY_STD): 1.0}
     scale = Cause("the accelerometer's scale", body.rescaled_std)
     causes["m/s^2"] = {scale: 1.0}
     if not all(flown.flight.rescaled for flown in flights):

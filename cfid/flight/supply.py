@@ -49,11 +49,11 @@ def with_usable_voltages(flights: Sequence[FlownLog], fit: FlightFit) -> Sequenc
 
 
 def with_usable_voltage(flown: FlownLog) -> FlownLog:
-    """Return a flight as `with_usable_voltages` does, unchanged if it cannot be fitted.
+    """Return a flight as `with_usable_voltages` does, unchanged if it cannot be fitted or has speeds.
 
     Raises CrossedError for motors in another order.
     """
-    fit = fit_alone(flown.flight) if flown.flight.in_volts else None
+    fit = fit_alone(flown.flight) if flown.flight.in_volts and flown.flight.speeds is None else None
     return flown if fit is None else with_usable_voltages([flown], fit)[0]
 
 

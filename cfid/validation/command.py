@@ -41,14 +41,13 @@ def validate(
     from cfid.console.messages import note
     from cfid.flight.data import read_flight
     from cfid.flight.supply import with_usable_voltage
-    from cfid.validation.predictions import logged_speeds
     from cfid.validation.result import validate as compare
     from cfid.validation.sets import measured_in, published_set, sets_of
 
     workplace = open_workplace(geometry)
     path = find_recording(log, workplace, labelled("flight"))
     flown = with_usable_voltage(read_flight(path, from_s=from_s, to_s=to_s, props_out=props_out))
-    in_volts, by_speed = flown.flight.in_volts, logged_speeds(flown.flight) is not None
+    in_volts, by_speed = flown.flight.in_volts, flown.flight.speeds is not None
     used = [] if workplace.campaign is None else [measured_in(workplace.campaign)]
     published = []
     for word in others or []:

@@ -23,7 +23,6 @@ from scipy.spatial.transform import Rotation
 
 from cfid.flight.model import ThrustLag, turning_equation, whitening, without
 from cfid.flight.rows import AXES, LEVER, ROW_S, ROW_STEPS, STEP_S, Flight, delayed, segments
-from cfid.recordings.crazyflie import Timed
 from cfid.units import USUAL_GRAVITY_MPS2
 
 Array = npt.NDArray[np.float64]
@@ -147,18 +146,12 @@ def unchanged(flight: Flight, at: Rows) -> Array:
     )
 
 
-def logged_speeds(flight: Flight) -> Timed | None:
-    """Return the rotors' speeds (k, 4) in rad/s at the times of a log, None where it has none."""
-    speeds: Timed | None = getattr(flight, "speeds", None)
-    return speeds
-
-
 def speeds_of(flight: Flight, parameters: ParameterSet) -> Array | None:
     """Return the rotors' logged speeds (n, 4) in rad/s at each step, None where the log or the set has no use of them.
 
     The set has one if it knows the thrust over speed.
     """
-    logged = logged_speeds(flight)
+    logged = flight.speeds
     if logged is None or parameters.thrust_speed_n is None:
         return None
     time_s = STEP_S * np.arange(ROW_STEPS * len(flight.rates))

@@ -25,6 +25,8 @@ from cfid.flight.findings import (
 )
 from cfid.flight.model import DELAYS
 from cfid.flight.rows import AXES, LEVER, ROW_S, Flight
+from cfid.flight.speeds import fit_speeds
+from cfid.flight.values import RESCALED_STD
 from cfid.recordings.read import description
 from cfid.records.result import Figures, Result
 from cfid.units import USUAL_GRAVITY_MPS2
@@ -90,9 +92,8 @@ def validate(flown: FlownLog, sets: Sequence[ParameterSet], *, used: Sequence[Me
             f"{flown.log.path}: {counted(len(at), 'segment')} of 1 s in the air with every motor and the gyro within "
             f"their ranges (at least {FEWEST}): fly for longer, and turn slower where the gyro reaches its range."
         )
-    fit = fit_alone(flown.flight)
-    axes = [] if fit is None else [motion.name for motion in turnings(fit) if motion.tells]
-    lifts = fit is not None and climbing(fit).tells
+    fit = fit_alone(flown.flight) if flown.flight.speeds is None else None
+    axes, lifts = _shown(flown.flight, fit)
     judged = [axis for axis in axes if axis != "yaw" or all(each.torque_m for each in sets)]
     if judged:
         sets = _with_delays(flown, sets, judged)
@@ -150,12 +151,25 @@ def _check(flown: FlownLog, sets: Sequence[ParameterSet], used: Sequence[Measure
         raise ConfigError("no parameter set: work in a campaign that has one, or name one by `with`.")
     if len(set(names)) < len(names):
         raise ConfigError(f"two parameter sets are called {max(names, key=names.count)}: name each once.")
+    by_command = [each.name for each in sets if each.thrust_speed_n is None]
+    if by_command and not len(flown.flight.command):
+        raise ConfigError(f"{flown.log.path}: it has no commands, and no thrust over speed is in {by_command[0]}.")
     for measured in used:
         if measured.fitted_to(flown.log):
             raise DataError(
                 f"{flown.log.path}: parameters of {measured.name} were fitted to this flight: validate with another "
                 "flight."
             )
+
+
+def _shown(flight: Flight, fit: FlightFit | None) -> tuple[list[str], bool]:
+    """Return the axes about which rotors turned the vehicle enough to judge sets, and whether they lifted it enough."""
+    if flight.speeds is not None:
+        shown = fit_speeds([flight], scale_std=RESCALED_STD)
+        turned = [axis for axis, each in zip(AXES, shown.axes, strict=True) if each.explained >= EXPLAINED]
+        return turned, shown.vertical.explained >= EXPLAINED
+    axes = [] if fit is None else [motion.name for motion in turnings(fit) if motion.tells]
+    return axes, fit is not None and climbing(fit).tells
 
 
 def _flight(flown: FlownLog, parameters: ParameterSet) -> Flight:

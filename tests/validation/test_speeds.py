@@ -1,6 +1,6 @@
 """Rotor speeds in a log predict it without lags, and show what rotors' inertia and air over velocity do."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,15 +23,8 @@ from tests.lab import keep, new_campaign
 VEHICLE = VEHICLES["brushless_38"]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class WithSpeeds(Flight):
-    """A flight whose log has rotor speeds in rad/s."""
-
-    speeds: Timed | None = None
-
-
 @pytest.fixture(scope="module")
-def flown() -> WithSpeeds:
+def flown() -> Flight:
     plan = manoeuvres(["tilts", "yaw"], 10.0, np.random.default_rng(3))
     logs = fly([VEHICLE], plan[np.newaxis], rngs=[np.random.default_rng(4)])
     column = logs.columns(0)
@@ -41,7 +34,7 @@ def flown() -> WithSpeeds:
 
     attitude = columns(*(f"stateEstimate.q{part}" for part in "wxyz"))[::ROW_STEPS]
     in_air = np.arange(len(attitude)) > 50
-    return WithSpeeds(
+    return Flight(
         name="sim",
         command=columns(*(f"motor.m{motor}" for motor in (1, 2, 3, 4))) / FULL_COMMAND,
         rates=np.radians(columns(*(f"gyro.{axis}" for axis in "xyz")))[::ROW_STEPS],
@@ -57,7 +50,7 @@ def flown() -> WithSpeeds:
 
 
 @pytest.fixture(scope="module")
-def true(flown: WithSpeeds) -> ParameterSet:
+def true(flown: Flight) -> ParameterSet:
     (roll, _, _), (_, pitch, _), (_, _, yaw) = VEHICLE.inertia_kg_m2
     forward, left, _ = (4 * VEHICLE.hover_rad_s * drag / VEHICLE.mass_kg for drag in VEHICLE.drag_kg_per_rad)
     parameters = ParameterSet(
@@ -78,7 +71,7 @@ def true(flown: WithSpeeds) -> ParameterSet:
 
 
 def test_a_set_follows_the_rotors_speeds_with_the_delay_between_gyro_and_telemetry(
-    flown: WithSpeeds, true: ParameterSet
+    flown: Flight, true: ParameterSet
 ) -> None:
     gyro_s = 2**0.5 / (2 * np.pi * 80.0)  # of its filter of second order
     assert true.delay_s == pytest.approx(gyro_s - VEHICLE.telemetry_delay_s, abs=2.5e-3)
@@ -92,7 +85,7 @@ def test_a_set_follows_the_rotors_speeds_with_the_delay_between_gyro_and_telemet
     "unknown", [{"rotor_inertia_kg_m2": 0.0}, {"moment_per_velocity_ns": None}, {"moments_kg_m2": (3e-5, 3.2e-5, 6e-5)}]
 )
 def test_without_the_rotors_inertia_or_the_moment_over_velocity_rates_are_predicted_worse(
-    flown: WithSpeeds, true: ParameterSet, unknown: dict[str, Any]
+    flown: Flight, true: ParameterSet, unknown: dict[str, Any]
 ) -> None:
     at = starts(flown)
     whole, part = (float(np.mean(errors(flown, each, at)["rates"][:, 1])) for each in (true, replace(true, **unknown)))
