@@ -8,7 +8,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -20,30 +20,34 @@ from cfid.sim.devices import SimulatedRig
 from cfid.sim.propulsion import RotorTruth
 from cfid.sim.truth import SimTruth
 from cfid.sim.virtual import Virtual
+from cfid.units import USUAL_GRAVITY_MPS2
 
 _INTERRUPTED = 130  # exit code of Ctrl-C
 _PAUSE_S = 20.0  # of an operator between two recordings
 _LASTS_S = 3000.0  # more than all recordings and pauses
 _HOLD_S, _REST_S = 2.5, 1.0
 _LOOK_S = 0.1
+_BLOCK_G, _FLICKER_G = 500.0, 0.1
 _READ_STD = 0.05  # relative, of the wind speed between the operator's lowest and highest reading
+
+Plan = Sequence[tuple[Sequence["Recording"], Sequence[str]]]  # recordings, and the fits that take them
 
 _AXES = {"crazyflie": ("x", "y", "z", "xy", "xz", "yz"), "testbody": ("x", "z")}
 _WEIGHTS_G = (20, 20, 30, 30, 40, 40, 50, 50)
 _SECONDS_OF_A_DROP = {20: 16, 30: 9, 40: 8, 50: 8}  # the first weight falls 4.5 s after the rig was powered
 _WINDS = ((0.0, 8.0, 3.2), (0.0, 12.0, 4.4), (48.4, 8.0, 2.9), (48.4, 12.0, 4.2), (77.9, 8.0, 2.8), (77.9, 12.0, 3.8))
-_STAIRS = f"--hold {_HOLD_S:g} --rest {_REST_S:g} --yes"
-_OF_WIND = f"--commands 10000,20000,30000,40000,50000 {_STAIRS} --rate-hz 1000"
+STAIRS = f"--hold {_HOLD_S:g} --rest {_REST_S:g} --yes"
+_OF_WIND = f"--commands 10000,20000,30000,40000,50000 {STAIRS} --rate-hz 1000"
 
 
 @dataclass(frozen=True)
 class Recording:
-    """A command, what is mounted on the axis, the wind that really blows, and whether an operator types readings."""
+    """A command, what is mounted on the axis, the wind that really blows, and the readings that an operator types."""
 
     words: str
     mounted: dict[str, Any] = field(default_factory=dict)
     wind: tuple[float, float] | None = None  # speed in m/s, and angle in degrees
-    is_read: bool = False
+    reads: Literal["rpm", "grams"] | None = None
 
 
 # Where the thesis has dozens of settings, the demo has a few. The load cell samples at 1 kHz, and at 7 kHz for steps
@@ -60,9 +64,9 @@ DROPS = tuple(
     for weight in _WEIGHTS_G
 )
 MOTORS = (
-    Recording(f"log thrust --from 0 --to 64000 --step 8000 --motor 1,3 --rate-hz 1000 {_STAIRS}"),
+    Recording(f"log thrust --from 0 --to 64000 --step 8000 --motor 1,3 --rate-hz 1000 {STAIRS}"),
     Recording("log thrust --from 20000 --to 60000 --step 20000 --motor 1 --hold 1.5 --rest 1.5 --rate-hz 7000 --yes"),
-    Recording(f"log speed --from 8000 --to 64000 --step 8000 --motor 1,3 {_STAIRS}", is_read=True),
+    Recording(f"log speed --from 8000 --to 64000 --step 8000 --motor 1,3 {STAIRS}", reads="rpm"),
     Recording("log sine --hz 0.25,1,2.5,6.25,12.5,8.75,4.25,1.5,0.5 --for 4 --amplitude 20000 --rate-hz 1000 --yes"),
     Recording("log ping --count 300"),
 )
@@ -71,16 +75,16 @@ MOTORS = (
 def winds(truth: SimTruth, *, seed: int) -> tuple[Recording, ...]:
     """Return the recordings in wind, whose speed lies anywhere between the operator's two readings, and without."""
     rng = np.random.default_rng([seed, len(_WINDS)])
-    recordings = [Recording(f"log wind --wind 0 {_OF_WIND}", is_read=True)]
+    recordings = [Recording(f"log wind --wind 0 {_OF_WIND}", reads="rpm")]
     for angle_deg, fan_v, read_mps in _WINDS:
         low, high = (round(read_mps * (1 + sign * math.sqrt(3) * _READ_STD), 3) for sign in (-1, 1))
         speed_mps = float(rng.uniform(low, high)) / (1 + truth.wind.anemometer_gain)
         words = f"log wind --angle {angle_deg} --fan-voltage {fan_v} --wind {low},{high} {_OF_WIND}"
-        recordings.append(Recording(words, wind=(speed_mps, angle_deg), is_read=True))
+        recordings.append(Recording(words, wind=(speed_mps, angle_deg), reads="rpm"))
     return tuple(recordings)
 
 
-def experiments(truth: SimTruth, *, seed: int) -> tuple[tuple[Sequence[Recording], Sequence[str]], ...]:
+def experiments(truth: SimTruth, *, seed: int) -> Plan:
     """Return the recordings of each experiment, and its fits; names of kinds stand for those of the runs."""
     thrust, quick, speed, sine, ping = MOTORS
     return (
@@ -143,27 +147,30 @@ class Laboratory:
 
 @contextlib.contextmanager
 def _operator(hardware: Virtual, rotors: RotorTruth, rng: np.random.Generator, recording: Recording) -> Iterator[None]:
-    """Let an operator type what a tachometer shows at each command, just before the command ends."""
+    """Let an operator type what an instrument shows at each command, just before the command ends.
+
+    Scales are read at command 0, too.
+    """
+    shown, digits = (_shown_g, 1) if recording.reads == "grams" else (_shown_rpm, 0)
+    held_s = {True: _HOLD_S, False: _REST_S + _HOLD_S if recording.reads == "grams" else math.inf}
     read, written = os.pipe()
-    turned_s: float | None = None
+    turns, since_s = False, 0.0
 
     def look() -> None:
-        nonlocal turned_s
+        nonlocal turns, since_s
         command = max(hardware.rig.crazyflie.motors)
-        if not command:
-            turned_s = None
-        elif turned_s is None:
-            turned_s = hardware.seconds()
-        elif hardware.seconds() - turned_s > _HOLD_S - 2 * _LOOK_S:
-            turned_s = math.inf
+        if turns != (command > 0):
+            turns, since_s = command > 0, hardware.seconds()
+        elif hardware.seconds() - since_s > held_s[turns] - 2 * _LOOK_S:
+            since_s = math.inf
             volts = hardware.rig.crazyflie.vehicle.volts
-            os.write(written, f"{_shown_rpm(command, volts, rotors, rng):.0f}\n".encode())
+            os.write(written, f"{shown(command, volts, rotors, rng):.{digits}f}\n".encode())
         hardware.at(_LOOK_S, look)
 
     before = sys.stdin
     try:
         with os.fdopen(read, encoding="utf-8") as stdin:
-            if recording.is_read:
+            if recording.reads:
                 look()
                 sys.stdin = stdin
             yield
@@ -177,3 +184,10 @@ def _shown_rpm(command: int, volts: float, rotors: RotorTruth, rng: np.random.Ge
     speed = float(rotors.steady_rad_per_s(np.array([command], np.float64), volts=volts)[0])
     gain = (1 + rotors.tachometer_gain) * (1 + rotors.tachometer_std * float(rng.standard_normal()))
     return rotors.markers * speed * 60 / math.tau * gain
+
+
+def _shown_g(command: int, volts: float, rotors: RotorTruth, rng: np.random.Generator) -> float:
+    """Return what scales of 0.1 g show, on which the vehicle stands with a block, while all its rotors turn."""
+    speed = rotors.steady_rad_per_s(np.array([command], np.float64), volts=volts)[0] if command else 0.0
+    lifted_n = 4 * rotors.thrust_ns2_per_rad2 * float(speed) ** 2
+    return _BLOCK_G - 1000 * lifted_n / USUAL_GRAVITY_MPS2 + _FLICKER_G * float(rng.standard_normal())

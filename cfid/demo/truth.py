@@ -34,9 +34,8 @@ def true_values(truth: SimTruth, rig: Rig, *, seed: int) -> dict[str, float]:
     truth = as_mounted(truth, rig)
     vehicle = draw_vehicle(rig, truth, rng=np.random.default_rng(seed).spawn(1)[0])
     body = drawn_testbody(rig, truth, vehicle, seed=seed)
-    matrix = np.array(truth.vehicle.inertia_kg_m2)
     return {
-        **{f"inertia.matrix_kg_m2 {name}": float(matrix[place]) for name, place in ENTRIES.items()},
+        **true_matrix(truth),
         "friction.coulomb_nm": truth.axis.coulomb_nm,
         "friction.viscous_nms_per_rad": truth.axis.viscous_nms_per_rad,
         "friction.setup_inertia_kg_m2": truth.axis.setup_inertia_kg_m2,
@@ -47,6 +46,12 @@ def true_values(truth: SimTruth, rig: Rig, *, seed: int) -> dict[str, float]:
         **true_motors(truth),
         **{f"drag.simple_kg_per_rad [{axis}]": value for axis, value in enumerate(truth.wind.kg_per_rad)},
     }
+
+
+def true_matrix(truth: SimTruth) -> dict[str, float]:
+    """Return the true entries of the inertia matrix."""
+    matrix = np.array(truth.vehicle.inertia_kg_m2)
+    return {f"inertia.matrix_kg_m2 {name}": float(matrix[place]) for name, place in ENTRIES.items()}
 
 
 def true_motors(truth: SimTruth) -> dict[str, float]:
