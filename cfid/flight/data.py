@@ -148,6 +148,8 @@ def flight_of(
 
     findings: list[Finding] = []
     commands, speeds, rates, forces, low_pass_hz = _signals(log, findings)
+    if commands and any(_apart_s(motor.time_s) > _SLOWEST_S for motor in speeds):
+        speeds = []  # as PX4 logs them by default: commands are followed instead
     drives = speeds or commands  # which carry the vehicle
     timed_s = [signal.time_s for signal in (*commands, *speeds, rates, forces)]
     begin_s, end_s = max(begin_s, *(time_s[0] for time_s in timed_s)), min(end_s, *(time_s[-1] for time_s in timed_s))
