@@ -52,7 +52,7 @@ _OTHER = 2
 _TORQUE, _SPIN = 0, 1  # and about yaw
 
 
-class AxisFit(NamedTuple):
+class EquationFit(NamedTuple):
     """The coefficients (p,) of an equation's terms, and its blocks, each with the rotors' contribution."""
 
     coefficients: tuple[UFloat, ...]
@@ -80,8 +80,8 @@ class SpeedFit:
     thrust: UFloat
     half_slope: UFloat
     hover_rad_s: float
-    vertical: AxisFit
-    axes: tuple[AxisFit, AxisFit, AxisFit]
+    vertical: EquationFit
+    axes: tuple[EquationFit, EquationFit, EquationFit]
     delay_s: UFloat
     with_velocity: bool
     seconds: float
@@ -125,7 +125,10 @@ def fit_speeds(flights: Sequence[Flight], *, scale_std: float) -> SpeedFit:
     flown = [flight for flight in flights if _parts(flight)]
     seconds = ROW_S * sum(part.stop - part.start for flight in flown for part in _parts(flight))
     if seconds < _SHORTEST_S:
-        raise FitError(f"{seconds:.1f} s in the air with the speeds of all rotors (limit {_SHORTEST_S:g} s).")
+        raise FitError(
+            f"{seconds:.1f} s in the air with the speeds of all rotors (limit {_SHORTEST_S:g} s): see that the log has "
+            "none that stands still, and fly for longer."
+        )
     level, hover_rad_s = _level(flown)
     with_velocity = all(flight.velocity is not None for flight in flown)
     vertical = _fitted([_vertical(flight, _delay(flight, _vertical)[0]) for flight in flown])
@@ -217,12 +220,12 @@ def _added(columns: Array) -> Array:
     return np.asarray((np.cumsum(columns, axis=0) - columns / 2) * ROW_S)
 
 
-def _fitted(blocks: Sequence[FlightEquation]) -> AxisFit:
+def _fitted(blocks: Sequence[FlightEquation]) -> EquationFit:
     """Fit the same equation of all flights."""
     white = whitened_fit(blocks, past=_PAST)
     covariance = sandwich(white.rows, white.errors, longest=max(len(white.errors) // (8 * len(blocks)), 10))
     values = correlated_values(white.values, covariance)
-    return AxisFit(values, tuple((block, block.terms[:, 0] * white.values[0]) for block in blocks))
+    return EquationFit(values, tuple((block, block.terms[:, 0] * white.values[0]) for block in blocks))
 
 
 def _delay(flight: Flight, *equations: Callable[[Flight, float], FlightEquation]) -> tuple[float, float]:
@@ -242,7 +245,7 @@ def _delay(flight: Flight, *equations: Callable[[Flight, float], FlightEquation]
     return best_s, 1 / math.sqrt(curvature)
 
 
-def _refuse_crossed(roll: AxisFit, pitch: AxisFit) -> None:
+def _refuse_crossed(roll: EquationFit, pitch: EquationFit) -> None:
     """Raise CrossedError where moments turn the vehicle about the other horizontal axis as much as about their own."""
     own = min(abs(fit.coefficients[_OWN].n) for fit in (roll, pitch))
     if any(abs(fit.coefficients[_OTHER].n) > _CROSSED * own and fit.explained > _CROSSED for fit in (roll, pitch)):
