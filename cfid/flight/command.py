@@ -76,10 +76,10 @@ def _body(workplace: Workplace, mass: Measured, arm_mm: Measured) -> "Body":
 
 
 def _torque_of(workplace: Workplace) -> Measured:
-    """Return the slope of the campaign's torque over thrust with its standard uncertainty, where it has one."""
+    """Return the slope of the campaign's torque over thrust with its uncertainty, where other than flights gave one."""
     key = "motor.torque_poly"
     found = None if workplace.campaign is None else workplace.campaign.values().find(key)
-    if found is None or not found.accepted or len(found.parameter.value) < 2:
+    if found is None or found.fit.name == "flight" or not found.accepted or len(found.parameter.value) < 2:
         return Measured(None, None)
     value, std = found.parameter.value, found.parameter.std
     return Measured(float(value[-2]), None if std is None else float(std[-2]))

@@ -30,9 +30,13 @@ _LATE = 0.9  # of the latest delay that is tried: beyond, the best one may be la
 _THRUST_STD = 0.002
 # Noise of an estimated velocity makes the moment of air small: by 2 to 3 % in simulated flights.
 _VELOCITY_STD = 0.025
+# Of the moment about yaw by gyroscopic effects: in gusts, or with slow telemetry, simulated flights make it 1 to 5 %
+# small.
+_TURN_STD = 0.025
 _DELAY_STD_S = 5e-4  # of telemetry and sensors, which take turns: what their delay scatters by
 # The powers with which quantities depend on the units of the causes.
 _OF_ARM = {"kg": 1.0, "m": 1.0, "slope": 1.0}
+_OF_TURNS = {**_OF_ARM, "turn": 1.0}
 _OF_TORQUE = {"kg": 1.0, "N m/N": 1.0, "slope": 1.0}
 _POWERS = {
     _THRUST: {"kg": 1.0, "level": 1.0, "rad/s": 1.0},
@@ -86,7 +90,7 @@ def of_speeds(flights: Sequence[FlownLog], drags: Mapping[str, AxisDrag | None],
         lines=tuple(_lines(flights, fit)),
         drawings=drawings,
     )
-    of_yaw = dict.fromkeys((MOMENTS["yaw"], _SPIN), _OF_ARM if body.torque_m is None else _OF_TORQUE)
+    of_yaw = dict.fromkeys((MOMENTS["yaw"], _SPIN), _OF_TURNS if body.torque_m is None else _OF_TORQUE)
     scales = power_law(quantities, _causes(fit, body, flights), _POWERS | of_yaw)
     bent = 2 * body.mass_kg * fit.thrust.n * np.array([1.0, -fit.hover_rad_s, 0.0])
     slope = {_slope(fit): {_POLYNOMIAL: fit.half_slope.s * bent}}
@@ -103,10 +107,11 @@ def _causes(fit: SpeedFit, body: Body, flights: Sequence[FlownLog]) -> dict[str,
     The level of thrust is gravity's where a firmware took the accelerometer's scale at rest; else its zero counts.
     """
     mass = Cause("mass", body.mass_std_kg / body.mass_kg or None)
-    causes = {"kg": {mass: 1.0}, "N": {mass: 1.0}, "N m": {mass: 1.0}, "slope": {_slope(fit): 1.0}}
+    turn = Cause("gyroscopic effects of turns", _TURN_STD)
+    causes = {"kg": {mass: 1.0}, "N": {mass: 1.0}, "turn": {turn: 1.0}, "slope": {_slope(fit): 1.0}}
     if body.arm_m is not None:
         arm = Cause("arm", None if body.arm_std_m is None else body.arm_std_m / body.arm_m)
-        causes["m"], causes["N m"] = {arm: 1.0}, {mass: 1.0, arm: 1.0}
+        causes["m"], causes["N m"] = {arm: 1.0}, {mass: 1.0, arm: 1.0, turn: 1.0}
     if body.torque_m is not None:
         share = None if body.torque_std_m is None else body.torque_std_m / body.torque_m
         causes["N m/N"] = {Cause("torque over thrust", share): 1.0}

@@ -45,7 +45,7 @@ _SHORTEST_S = 5.0  # of all flights together
 LATEST_S, _TRIED = 0.03, 7  # the largest delay, and how many are tried before the nearest is refined
 _LEVEL_S = 1.0  # whose mean forces are assumed to be independent
 # Half of e, the relative slope of k over speed: of published propellers of this size, and its standard uncertainty.
-_SLOPE, _SLOPE_STD = 0.025, 0.02
+_SLOPE, _SLOPE_STD = 0.04, 0.025
 _CROSSED = 0.3  # of a moment's effect: what turns the vehicle about the other horizontal axis
 _OWN, _EULER, _AIR = 0, 1, 3  # the places of coefficients about roll and pitch, and of the other horizontal moment:
 _OTHER = 2
