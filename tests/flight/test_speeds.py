@@ -6,13 +6,16 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from cfid.console.campaign import make_campaign
 from cfid.errors import DataError
 from cfid.flight.data import FlownLog
 from cfid.flight.estimation import CrossedError
 from cfid.flight.result import fit
 from cfid.flight.values import Body
+from cfid.records.campaign import open_campaign
 from cfid.sim.flying import VEHICLES, FlyingVehicle, fly, scattered
 from cfid.sim.pilot import manoeuvres
+from tests.lab import Cfid
 from tests.nightly.speeds import KINDS, fitted, flown_in, numbers, truths
 
 Array = npt.NDArray[np.float64]
@@ -134,3 +137,18 @@ def test_a_speed_counts_in_the_middle_of_the_step_that_telemetry_shows(flown: Fl
     shown = columns["motor.m1_rpm"] * 2 * np.pi / 60
     share = float(np.mean(read.flight.speeds.value[:, 0]) / np.mean(shown))
     assert 0.9978 < share < 0.9995
+
+
+def test_a_flights_torque_does_not_count_as_measured_in_the_next_fit(flown: Flown, cfid: Cfid, tmp_path: Path) -> None:
+    vehicle, columns = flown[0]
+    folder = tmp_path / "mine"
+    make_campaign(folder, kind="simulated")
+    flown_in(columns, folder / "log.csv")
+    body = ("--mass-kg", f"{vehicle.mass_kg}:0.0001", "--arm-mm", f"{1e3 * vehicle.arm_m}:0.2")
+    sections = []
+    for _ in range(2):
+        done = cfid("fit", "flight", "log.csv", *body, folder=folder)
+        assert done.returncode == 0, done.stderr
+        sections.append(open_campaign(folder).values().sections()["flight"].parameters)
+    first, second = ({key: section[key].value for key in OF_YAW} for section in sections)
+    assert second == first
