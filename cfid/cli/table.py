@@ -18,6 +18,7 @@ COMMANDS: dict[str, str | None] = {
     "report": "cfid.report.command:report",
     "import": "cfid.cli.recordings:import_file",
     "convert": "cfid.cli.recordings:convert",
+    "compare": "cfid.comparison.command:compare",
     "validate": "cfid.validation.command:validate",
     "status": "cfid.guide.command:status",
     "next": "cfid.guide.command:next_step",
@@ -62,7 +63,7 @@ COMMANDS: dict[str, str | None] = {
 SECTIONS = {
     "Campaign": ("demo", "new", "status", "next", "set", "fleet"),
     "Record": ("rig", "log", "motors", "watch"),
-    "Results": ("fit", "tf", "fits", "parameters", "validate", "report", "export"),
+    "Results": ("fit", "tf", "fits", "parameters", "compare", "validate", "report", "export"),
     "Files": ("runs", "show", "import", "convert"),
 }
 

@@ -319,12 +319,12 @@ def _commands(section: Section) -> tuple[float, float] | None:
     """Return the smallest and the largest command in a section's table, or of its rotors in flight logs."""
     keys = {"motor.table": ("cmd",), "dynamics.time_constant_s": ("cmd_from", "cmd_to")}
     known = [
-        row[column]
+        command
         for key, columns in keys.items()
         if key in section.parameters
         for row in plain(section.parameters[key].value)
         for column in columns
-        if row[column] is not None
+        if (command := row.get(column)) is not None
     ]
     return (min(known), max(known)) if known else None
 

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
 from typing import Any
 
+from cfid.comparison.claims import comparisons_with, rows_of
 from cfid.counted import counted
 from cfid.errors import DataError
 from cfid.findings import CODES
@@ -19,7 +20,6 @@ from cfid.records.rig_file import CampaignKind
 from cfid.records.run import Run, list_runs
 from cfid.records.values import Values
 from cfid.report.checks import agreements_of
-from cfid.report.comparison import comparisons_of, frame_text
 from cfid.report.experiments import experiments_of, title_of
 from cfid.report.repeats import measurements_of, repeats_of
 from cfid.report.sheet import main_numbers, sheet_of
@@ -27,7 +27,7 @@ from cfid.version import __version__
 
 Content = dict[str, Any]
 
-FORMAT = 1  # version of the JSON object
+FORMAT = 2  # version of the JSON object
 _MOST_FINDINGS = 5
 _RECORDINGS = frozenset({"recording", *CODES})  # codes of findings about runs
 _LOSSES = ("samples-lost", "samples-not-taken")
@@ -57,7 +57,7 @@ def build(campaign: Campaign, *, now: datetime, kind: CampaignKind | None = None
             "experiments": experiments,
             "repeats": [{"title": title_of(repeat["name"]), **repeat} for repeat in repeats if repeat is not None],
             "agreements": agreements_of(values),
-            "comparisons": comparisons_of(values),
+            "published": rows_of(comparisons_with(campaign, values)),
             "runs": [_run(run) for run in runs],
             "unreadable": [str(error) for error in broken],
         }
@@ -67,10 +67,11 @@ def build(campaign: Campaign, *, now: datetime, kind: CampaignKind | None = None
 
 def _about(campaign: Campaign, runs: Sequence[Run], fits: Sequence[Fit], now: datetime) -> Content:
     started = [run.header.started for run in runs]
+    frame = campaign.rig.vehicle.body_frame
     return {
         "vehicle": campaign.rig.vehicle.name,
         "campaign": campaign.folder.resolve().name,
-        "body_frame": frame_text(campaign.rig.vehicle.body_frame),
+        "body_frame": f"forward {frame.forward}, left {frame.left}, up {frame.up}",
         "recorded": [min(started).isoformat(), max(started).isoformat()] if started else None,
         "written": now.isoformat(),
         "cfid_version": __version__,

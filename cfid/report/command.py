@@ -11,6 +11,7 @@ from cfid.console.messages import echo, note, print_json
 from cfid.console.program import program
 from cfid.errors import ConfigError
 from cfid.guide.command import Kind
+from cfid.records.campaign import Campaign
 from cfid.report.build import build
 from cfid.report.render import rendered
 from cfid.report.sealed import write_report
@@ -48,6 +49,8 @@ def report(
         raise ConfigError(f"--out {out}: should end in {', '.join(filter(None, formats))}, or --format name one.")
     path = out or found.folder / f"report.{chosen}"
     content = build(found, now=datetime.now(UTC), kind=kind)
+    if chosen == "html":
+        _draw_published(found)
     write_report(path, rendered(content, chosen, found.folder), force=force)
     disagreements = [agreement["finding"] for agreement in content["agreements"] if agreement["finding"]]
     notes = [*content["unreadable"], *disagreements]
@@ -57,3 +60,13 @@ def report(
     for sentence in notes:
         note(sentence)
     echo(path)
+
+
+def _draw_published(campaign: Campaign) -> None:
+    """Draw published values beside the campaign's, as `cfid compare` does."""
+    from cfid.comparison.claims import comparisons_with
+    from cfid.comparison.figures import comparison_figure
+    from cfid.drawing.save import save_figure
+
+    figure = comparison_figure(comparisons_with(campaign, campaign.values()), name=campaign.rig.vehicle.name)
+    save_figure(figure, campaign.folder / "figures" / "compare")

@@ -104,7 +104,8 @@ def rendered(report: Mapping[str, Any], form: Format, folder: Path) -> str:
         report=report,
         texts=texts,
         mark=MARK,
-        sources=texts.sources_of(report["comparisons"]),
+        sources=texts.sources_of(report["published"]),
+        compared=_embedded(folder, "figures/compare") if form == "html" else "",
         figures=_figures(report["experiments"], folder) if form == "html" else [],
     )
     return printable_lines(text)

@@ -165,50 +165,39 @@ def _with_unit(number: str, unit: str) -> str:
     return f"{number} {unit}".rstrip()
 
 
-def comparison_grid(comparison: Content, sources: Mapping[str, int]) -> Grid:
-    """Return a comparison with values in one power of ten, and with sources as numbers of the list that follows."""
-    yours, lines = comparison["yours"], _lines(comparison)
-    power = power_of_ten(value for line in lines for value in line["values"])
-    unit = with_power(comparison["unit"], power)
-    heads = [f"{column}, {unit}" if len(comparison["columns"]) == 1 else column for column in comparison["columns"]]
-    rows = []
-    for line in lines:
-        if line is yours:
-            stds = comparison["yours_std"] or [None] * len(line["values"])
-            cells = [plus_minus(value, std, power) for value, std in zip(line["values"], stds, strict=True)]
-        else:
-            own = yours["values"] if yours else [None] * len(line["values"])
-            cells = [_against(value, mine, power) for value, mine in zip(line["values"], own, strict=True)]
-        rows.append((line["who"], line["vehicle"], *cells, f"[{sources[line['source']]}]" if line["source"] else ""))
-    return Grid(("", "vehicle", *heads, "source"), rows)
+def published_grid(rows: Sequence[Content], sources: Mapping[str, int]) -> Grid:
+    """Return published values beside the campaign's, with sources as numbers of the list that follows."""
+    lines = []
+    for row in rows:
+        power = power_of_ten([row["value"], row["own"]])
+        far = "" if row["deviations"] is None else f", {row['deviations']:.3g} std"
+        verdict = "" if row["own"] is None else "excluded" if row["excluded"] else "agrees" if far else "not judged"
+        lines.append(
+            (
+                row["quantity"],
+                with_power(row["unit"], power),
+                plus_minus(row["own"], row["own_std"], power),
+                plus_minus(row["value"], row["std"], power),
+                f"{row['ratio']:.3g}" if row["own"] and row["ratio"] is not None else "",
+                verdict + far,
+                f"{row['who']}, {row['vehicle']} [{sources[row['source']]}]",
+            )
+        )
+    return Grid(("", "unit", "yours", "theirs", "ratio", "", "who"), lines)
 
 
-def comparison_notes(comparison: Content) -> list[str]:
-    """Return the notes on a comparison's rows, each note once with the rows that it concerns."""
-    lines = _lines(comparison)
-    who = [line["who"] for line in lines]
-    named: dict[str, list[str]] = {}
-    for line in lines:
-        name = line["who"] if who.count(line["who"]) == 1 else f"{line['who']} ({line['vehicle']})"
-        for note in filter(None, (line["frame"], line["note"])):
-            named.setdefault(note, []).append(name)
-    return [f"{', '.join(names)}: {note}." for note, names in named.items()]
+def published_remarks(rows: Iterable[Content]) -> list[str]:
+    """Return what is known against published values, each remark once with the values that it concerns."""
+    named: dict[str, dict[str, None]] = {}
+    for row in rows:
+        if row["remark"]:
+            named.setdefault(row["remark"], {})[f"{row['quantity']} of {row['who']} ({row['vehicle']})"] = None
+    return [f"{', '.join(names)}: {remark}." for remark, names in named.items()]
 
 
-def comparison_unit(comparison: Content) -> str:
-    """Return the unit of a comparison with several columns, with the power of ten of its values."""
-    power = power_of_ten(value for line in _lines(comparison) for value in line["values"])
-    return with_power(comparison["unit"], power) if len(comparison["columns"]) > 1 else ""
-
-
-def _lines(comparison: Content) -> list[Content]:
-    return [*([comparison["yours"]] if comparison["yours"] else []), *comparison["others"]]
-
-
-def sources_of(comparisons: Iterable[Content]) -> dict[str, int]:
-    """Return the sources of comparisons, numbered in order of appearance."""
-    named = dict.fromkeys(line["source"] for comparison in comparisons for line in comparison["others"])
-    return {source: number for number, source in enumerate(named, start=1)}
+def sources_of(rows: Iterable[Content]) -> dict[str, int]:
+    """Return the sources of published values, numbered in order of appearance."""
+    return {source: number for number, source in enumerate(dict.fromkeys(row["source"] for row in rows), start=1)}
 
 
 def runs_grid(runs: Iterable[Content]) -> Grid:
@@ -241,20 +230,6 @@ def plus_minus(value: float | None, std: float | None, power: int) -> str:
     if spread:
         return f"{shown} ± {spread}"
     return _number(value * 10.0**-power, 4) if shown and value is not None else ""
-
-
-def _against(value: float | None, yours: float | None, power: int) -> str:
-    """Return a value with its difference from yours in per cent, or the ratio if far from one."""
-    shown = plus_minus(value, None, power)
-    if value is None or not yours or not math.isfinite(value / yours) or value == 0:
-        return shown
-    ratio = value / yours
-    if ratio <= 0:
-        return f"{shown} (other sign)"
-    if not 0.5 < ratio < 2:
-        return f"{shown} ({ratio:.2g} times)"
-    percent = f"{100 * (ratio - 1):+.1f}"
-    return f"{shown} ({_typeset(percent) if float(percent) else '0.0'} %)"
 
 
 def power_of_ten(values: Iterable[float | None]) -> int:

@@ -83,10 +83,10 @@ def test_json_is_one_object_of_plain_numbers(campaign: Campaign) -> None:
     content = json.loads(text_of(campaign, "json"))
 
     assert list(content) == [
-        "made_by", "format", "about", "summary", "sheet", "experiments", "repeats", "agreements", "comparisons", "runs",
+        "made_by", "format", "about", "summary", "sheet", "experiments", "repeats", "agreements", "published", "runs",
         "unreadable",
     ]  # fmt: skip
-    assert content["format"] == 1
+    assert content["format"] == 2
     matrix = next(q for group in content["sheet"] for q in group["quantities"] if "inertia.matrix_kg_m2" in q["keys"])
     assert matrix["rows"][0] == {"symbol": "I_xx", "value": 16.571710e-6, "std": 16.571710e-8, "unit": "kg m^2"}
     assert matrix["origin"]["found"] == "2026-11-21T12:00:00+00:00"

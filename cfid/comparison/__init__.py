@@ -1,0 +1,1 @@
+"""Set what others published beside a campaign, quantity by quantity, or the published sets beside each other."""
