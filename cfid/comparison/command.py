@@ -9,6 +9,7 @@ from cfid.console.inputs import open_workplace
 from cfid.console.options import Figures, Force, Out
 from cfid.console.outcome import Delivery, deliver
 from cfid.console.program import program
+from cfid.console.tables import columned
 
 if TYPE_CHECKING:
     from cfid.comparison.claims import Claim, Comparison
@@ -85,7 +86,7 @@ def _beside(comparisons: "Sequence[Comparison]") -> list[str]:
     unknown = [each.quantity for each in comparisons if each.own is None]
     return [
         f"{excluded} of {len(pairs)} published values are excluded by this campaign, worst first:",
-        *_columns(rows),
+        *columned(rows),
         *([f"not measured here: {', '.join(unknown)}"] if unknown else []),
         *_more(len(pairs) + 1 - len(rows)),
     ]
@@ -101,7 +102,7 @@ def _between_sets(comparisons: "Sequence[Comparison]") -> list[str]:
         rows.append((f"{each.quantity}, {each.unit}", str(len(ordered)), *cells, _ratio(each.spread)))
         if program().verbose:
             rows += [("", "", _value(claim), f"{claim.who}, {claim.vehicle}", "", "", "") for claim in ordered]
-    return _columns(rows)
+    return columned(rows)
 
 
 def _value(claim: "Claim | None") -> str:
@@ -110,11 +111,6 @@ def _value(claim: "Claim | None") -> str:
 
 def _ratio(ratio: float | None) -> str:
     return "" if ratio is None else "signs differ" if ratio == float("inf") else f"{ratio:.3g}"
-
-
-def _columns(rows: Sequence[Sequence[str]]) -> list[str]:
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
 
 
 def _more(count: int) -> list[str]:

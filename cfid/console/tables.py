@@ -1,6 +1,6 @@
 """Print results on the terminal: values and standard uncertainties to their significant digits."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from cfid.console.messages import echo, printable
 from cfid.quantities.rounding import with_std
@@ -32,3 +32,9 @@ def _relative(number: Number) -> str:
     if not number.std or not number.value or abs(number.std) >= abs(number.value):
         return ""
     return f"{100 * abs(number.std / number.value):.2g} %"
+
+
+def columned(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Return rows of as many cells each as lines, with cells below each other."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]

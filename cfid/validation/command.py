@@ -13,6 +13,8 @@ from cfid.records.choose import labelled
 if TYPE_CHECKING:
     from cfid.validation.sets import Measured
 
+ALL = "all"
+
 
 def validate(
     log: Annotated[str, typer.Argument(metavar="LOG", help="A flight: a log or a run.")],
@@ -21,9 +23,9 @@ def validate(
         list[str] | None,
         typer.Option(
             "--with",
-            metavar="FILE|NAME",
-            help="Parameter set to compare: a campaign folder, a parameter file, or a published set (thesis, "
-            "gym-pybullet-drones, firmware).",
+            metavar="FILE|NAME|all",
+            help="Parameter set to compare: a campaign folder, a parameter file, a published set as `cfid export` "
+            "has them, such as thesis, or all of these.",
         ),
     ] = None,
     props_out: PropsOut = False,
@@ -41,32 +43,35 @@ def validate(
     from cfid.console.messages import note
     from cfid.flight.data import read_flight
     from cfid.flight.supply import with_usable_voltage
+    from cfid.published import PublishedSet, published_set, published_sets
     from cfid.validation.result import validate as compare
-    from cfid.validation.sets import measured_in, published_set, sets_of
+    from cfid.validation.sets import measured_in, published_parameters, sets_of
 
     workplace = open_workplace(geometry)
     path = find_recording(log, workplace, labelled("flight"))
     flown = with_usable_voltage(read_flight(path, from_s=from_s, to_s=to_s, props_out=props_out))
     in_volts, by_speed = flown.flight.in_volts, flown.flight.speeds is not None
     used = [] if workplace.campaign is None else [measured_in(workplace.campaign)]
-    published = []
+    published: dict[str, PublishedSet] = {}
     for word in others or []:
-        measured = _measured(word)
+        measured = None if word == ALL else _measured(word)
         if measured is not None:
             used.append(measured)
         else:
-            published.append(published_set(word))
-    sets = []
+            published |= published_sets() if word == ALL else {word: published_set(word)}
+    sets, missing = [], []
     for measured in used:
-        complete, missing = sets_of(measured, in_volts=in_volts, by_speed=by_speed)
+        complete, reasons = sets_of(measured, in_volts=in_volts, by_speed=by_speed)
         sets += complete
-        for text in missing:
-            note(text)
-    for each in published:
-        if each.in_volts and not in_volts:
-            note(f"{each.name}: its thrust is of volts, and the log has no battery voltage (pm.vbat): it is left out.")
-        else:
-            sets.append(each)
+        missing += reasons
+    left_out: dict[str, list[str]] = {}
+    for each in published.values():
+        try:
+            sets.append(published_parameters(each, in_volts=in_volts, by_speed=by_speed))
+        except KeyError as error:
+            left_out.setdefault(error.args[0].removeprefix(f"{each.name} "), []).append(each.name)
+    for text in (*missing, *(f"left out: {', '.join(names)}: {reason}" for reason, names in left_out.items())):
+        note(text)
     result = compare(flown, sets, used=used)
     deliver(result, Delivery(force, figures, out), workplace, keep=False)
 

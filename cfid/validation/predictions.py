@@ -30,7 +30,7 @@ Rows = npt.NDArray[np.intp]
 
 _DELAYS_S = (-0.03, 0.05)  # below zero where telemetry of speeds is later than the gyro
 _DELAY_TOLERANCE_S = 1e-4
-HORIZONS = (1, 10, 50, 100)  # rows: one step, and 0.1, 0.5 and 1 s
+HORIZONS = (1, 10, 30, 50, 100)  # rows: one step, and 0.1, 0.3, 0.5 and 1 s
 QUANTITIES = ("rates", "attitude", "velocity")
 UNITS = {"rates": "rad/s", "attitude": "deg", "velocity": "m/s"}
 

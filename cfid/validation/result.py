@@ -3,12 +3,12 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import groupby
 
 import numpy as np
 import numpy.typing as npt
 from scipy.special import stdtrit
 
+from cfid.console.tables import columned
 from cfid.counted import counted
 from cfid.errors import ConfigError, DataError
 from cfid.findings import Finding, note, warning
@@ -24,7 +24,7 @@ from cfid.flight.findings import (
     turnings,
 )
 from cfid.flight.model import DELAYS
-from cfid.flight.rows import AXES, LEVER, ROW_S, Flight
+from cfid.flight.rows import AXES, ROW_S, Flight
 from cfid.flight.speeds import fit_speeds
 from cfid.flight.values import RESCALED_STD
 from cfid.recordings.read import description
@@ -137,8 +137,9 @@ def validate(flown: FlownLog, sets: Sequence[ParameterSet], *, used: Sequence[Me
         sources=(flown.log.source,),
         lines=(
             description(flown.log),
-            *(_described(each, flown.flight) for each in sets),
-            *_lines(table, flown, at, judged),
+            f"mean errors over {counted(len(at), 'segment')} of 1 s; in brackets how much more than {sets[0].name}:",
+            *_table(table, sets, flown, at),
+            _what_judges(judged),
             _assumed(sets, lifts=lifts, captured=captured, judged=judged),
         ),
         drawings=drawings,
@@ -276,39 +277,45 @@ def _unpredicted(table: Sequence[SetError], flown: FlownLog, at: Rows) -> list[F
     return [warning("validation-rates-unpredicted", text).at(flown.flight.name)]
 
 
-def _described(parameters: ParameterSet, flight: Flight) -> str:
-    moments = ", ".join(f"{moment:.4g}" for moment in parameters.moments_kg_m2)
-    lag = "no lag"
+def _table(table: Sequence[SetError], sets: Sequence[ParameterSet], flown: FlownLog, at: Rows) -> list[str]:
+    """Return a row a set: what it states, and its errors; those that judge sets have their difference from the first.
+
+    A last row is for who predicts that rates stay.
+    """
+    columns = [(NEXT, ROW_S), (VERTICAL, 0.5), ("velocity", 0.5), *(("rates", ROW_S * rows) for rows in HORIZONS[1:4])]
+    columns = [(what, horizon_s) for what, horizon_s in columns if any(_is(row, what, horizon_s) for row in table)]
+    head = ["set", "g", "10^-6 kg m^2", "lag, ms"]
+    head += [f"{what}, {(UNITS | {NEXT: UNITS['rates'], VERTICAL: UNITS['velocity']})[what]}" for what, _ in columns]
+    after = ["", "", "", "", *("" if what == NEXT else f"after {horizon_s:g} s" for what, horizon_s in columns)]
+    rows = [head, after]
+    for place, each in enumerate(sets):
+        cells = []
+        for column in columns:
+            error = next(row for row in table if row.name == each.name and _is(row, *column))
+            beside = f" ({error.more:+.2g} ± {error.half_width:.1g})" if error.tells and place else ""
+            cells.append(f"{error.error:.3g}{beside}")
+        moments = "/".join(f"{1e6 * moment:.3g}" for moment in each.moments_kg_m2)
+        rows.append([each.name, f"{1e3 * each.mass_kg:.3g}", moments, _lag(flown.flight, each), *cells])
+    still = dict(zip((ROW_S * each for each in HORIZONS), unchanged(flown.flight, at), strict=True))
+    stays = [f"{still[horizon_s]:.3g}" if what == "rates" else "" for what, horizon_s in columns]
+    return columned([*rows, ["rates stay", "", "", "", *stays]])
+
+
+def _what_judges(judged: Sequence[str]) -> str:
+    moments = f"next rates, about {' and '.join(judged)}, judge moments and lags, " if judged else ""
+    return f"{moments}vertical velocities judge thrust; the others add up what no set contains, and have no interval"
+
+
+def _is(row: SetError, quantity: str, horizon_s: float) -> bool:
+    return row.quantity == quantity and math.isclose(row.horizon_s, horizon_s)
+
+
+def _lag(flight: Flight, parameters: ParameterSet) -> str:
     if speeds_of(flight, parameters) is not None:
-        lag = "by rotor speeds"
-    elif parameters.lag is not None:
-        lag = f"lags {1e3 * parameters.lag.rising_s:.0f} and {1e3 * parameters.lag.falling_s:.0f} ms"
-    body = f"{1e3 * parameters.mass_kg:.4g} g, lever {1e3 * LEVER * parameters.arm_m:.4g} mm, moments {moments} kg m^2"
-    return f"{parameters.name}: {body}, {lag}; from {parameters.origin}"
-
-
-def _lines(table: Sequence[SetError], flown: FlownLog, at: Rows, judged: Sequence[str]) -> list[str]:
-    still = ", ".join(f"{error:.3g}" for error in unchanged(flown.flight, at))
-    lines = [
-        f"mean errors over {counted(len(at), 'segment')} of 1 s; in brackets how much more than "
-        f"{table[0].name}, with 95 % where it judges sets:"
-    ]
-    for (quantity, horizon_s), group in groupby(table, lambda row: (row.quantity, row.horizon_s)):
-        words = []
-        for place, row in enumerate(group):
-            width = f" +- {row.half_width:.1g}" if row.tells else ""
-            words.append(f"{row.name} {row.error:.3g}" + (f" ({row.more:+.2g}{width})" if place else ""))
-        what = f"{quantity} after {horizon_s:g} s, {UNITS.get(quantity, UNITS['velocity'])}"
-        if quantity == NEXT:
-            what = f"{NEXT} about {', '.join(judged)}, given those before, {UNITS['rates']}"
-        lines.append(f"  {what}: {', '.join(words)}")
-    by_what = f"{NEXT} judge moments and lags, vertical velocities" if judged else "vertical velocities judge"
-    return [
-        *lines,
-        f"{by_what} thrust. The others, from commands alone, have no interval: they add up what no set contains, "
-        "the autopilot answers to it, and moments that are too large then err by less than the true ones; who predicts "
-        f"that rates stay errs by {still} rad/s",
-    ]
+        return "speeds"
+    return (
+        "none" if parameters.lag is None else "/".join(f"{1e3 * tau_s:.0f}" for tau_s in dict.fromkeys(parameters.lag))
+    )
 
 
 def _assumed(sets: Sequence[ParameterSet], *, lifts: bool, captured: bool, judged: Sequence[str]) -> str:

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from cfid.errors import CfidError, ConfigError
+from cfid.errors import CfidError
 from cfid.flight.data import same_flight
 from cfid.flight.model import ThrustLag
 from cfid.flight.rows import AXES
-from cfid.published import published_sets, turned
+from cfid.published import PublishedSet, turned
 from cfid.published.set_file import PublishedValue
 from cfid.recordings.read import read_recording
 from cfid.recordings.recording import Recording
@@ -26,8 +26,7 @@ from cfid.units import FULL_COMMAND, MM
 from cfid.validation.predictions import ParameterSet
 
 _BEYOND = 20.0  # times mass times arm squared, or one over it: bodies have 0.2 to 2
-PUBLISHED = ("thesis", "gym-pybullet-drones", "firmware")  # complete sets of a Crazyflie 2.x
-_ARM_M = 0.046  # of a Crazyflie 2.x, from its centre to a motor's axis, for all of these
+_NO_TORQUE = ", no torque about yaw"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,26 +110,32 @@ def sets_of(measured: Measured, *, in_volts: bool, by_speed: bool = False) -> tu
     return sets, missing
 
 
-def published_set(name: str) -> ParameterSet:
-    """Return a published set. Raises ConfigError for another name."""
-    if name not in PUBLISHED:
-        raise ConfigError(f"`with` {name}: no campaign folder, and no published set ({', '.join(PUBLISHED)}).")
-    published = published_sets()[name]
+def published_parameters(published: PublishedSet, *, in_volts: bool, by_speed: bool = False) -> ParameterSet:
+    """Return a published set for a log with or without voltage and speeds.
+
+    Raises KeyError with a sentence where the set states too little to predict such a log.
+    """
     along = turned(published["inertia.matrix_kg_m2"].value, published.frame)
-    lag = published.find("tf.time_constant_s")
-    of_volts = published.find("motor.thrust_voltage_poly")
-    thrust_n = _over_full_command(published["motor.thrust_poly"].value) if of_volts is None else tuple(of_volts.value)
+    lag, torque = published.find("tf.time_constant_s"), published.find("motor.torque_poly")
+    over_speed, of_volts = _over_speed(published.find), published.find("motor.thrust_voltage_poly")
+    thrust_n: tuple[float, ...] = ()
+    if not (by_speed and over_speed):
+        if of_volts is not None and not in_volts:
+            raise KeyError("its thrust is of volts, and the log has no battery voltage (pm.vbat).")
+        thrust_n = (
+            _over_full_command(published["motor.thrust_poly"].value) if of_volts is None else tuple(of_volts.value)
+        )
     return ParameterSet(
-        name=name,
-        origin=published.origin(published["mass_kg"]),
+        name=published.name,
+        origin=published.origin(published["mass_kg"]) + (_NO_TORQUE if torque is None else ""),
         mass_kg=published["mass_kg"].value,
         moments_kg_m2=(along["roll"], along["pitch"], along["yaw"]),
-        arm_m=_ARM_M,
-        torque_m=published["motor.torque_poly"].value[-2],
+        arm_m=published["arm_m"].value,
+        torque_m=0.0 if torque is None else torque.value[-2],
         thrust_n=thrust_n,
-        in_volts=of_volts is not None,
+        in_volts=bool(thrust_n) and of_volts is not None,
         lag=None if lag is None else ThrustLag(lag.value, lag.value),
-        thrust_speed_n=_over_speed(published.find),
+        thrust_speed_n=over_speed,
     )
 
 
@@ -181,7 +186,7 @@ def _of_flights(measured: Measured, name: str, logged: _Logged) -> ParameterSet:
     if yaw is not None:  # with the torque over thrust that scaled it, else the rig's
         scaled, rig = measured.get("flight.torque_m"), measured.get("motor.torque_poly")
         torque_m = scaled.value if scaled is not None else rig.value[-2] if rig is not None else None
-    unknown = ", no torque about yaw, whose moment is unknown: it stands as the sum of the others"
+    unknown = f"{_NO_TORQUE}, whose moment is unknown: it stands as the sum of the others"
     return ParameterSet(
         name=name,
         origin="its flights" + (unknown if torque_m is None else ""),

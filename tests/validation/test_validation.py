@@ -16,6 +16,7 @@ from cfid.flight.estimation import CrossedError
 from cfid.flight.model import ThrustLag
 from cfid.flight.rows import LEVER
 from cfid.flight.supply import with_usable_voltage
+from cfid.published import published_sets
 from cfid.recordings.crazyflie import si_values
 from cfid.recordings.read import read_recording
 from cfid.recordings.recording import Series
@@ -23,7 +24,7 @@ from cfid.records.fits import path_of
 from cfid.records.parameters import Parameter, Section, Source
 from cfid.validation.predictions import HORIZONS, ParameterSet, errors, starts
 from cfid.validation.result import SetError, compared, validate
-from cfid.validation.sets import PUBLISHED, Measured, measured_file, measured_in, published_set, sets_of
+from cfid.validation.sets import Measured, measured_file, measured_in, published_parameters, sets_of
 from tests.flight.flying import GYRO_DELAY_S, LATE_STEPS, STEP, Fleet, fleet, fly
 from tests.lab import DATA, Cfid, keep, new_campaign, values_of
 from tests.recordings.made import only, with_rows
@@ -152,7 +153,7 @@ def test_a_flight_that_was_fitted_to_is_refused_in_another_format_too(tmp_path: 
     write_table(series, names, tmp_path / "copy.csv")
     used = fitted_to("another", str(FLIGHTS / "eschmann_log10.usd"))
     with pytest.raises(DataError, match="were fitted to this flight"):
-        validate(read_flight(tmp_path / "copy.csv"), [published_set("thesis")], used=[used])
+        validate(read_flight(tmp_path / "copy.csv"), [published("thesis")], used=[used])
 
 
 def write_table(series: Series, names: Sequence[str], path: Path) -> None:
@@ -263,14 +264,31 @@ def test_no_set_two_of_a_name_and_short_flights_are_refused(flown: tuple[Paramet
         validate(flight_of(flight.log, to_s=6.0), [true], used=())
 
 
-def test_published_sets_carry_a_crazyflie_and_others_are_refused() -> None:
-    for name in PUBLISHED:
-        one = published_set(name)
-        drive = np.array([2.2, 3.6]) if one.in_volts else np.array([0.4, 0.95])
-        low, high = 4 * np.polynomial.polynomial.polyval(drive, one.thrust_n)
-        assert low < 9.81 * one.mass_kg < high
-    with pytest.raises(ConfigError, match="no published set"):
-        published_set("nobody")
+def published(name: str) -> ParameterSet:
+    return published_parameters(published_sets()[name], in_volts=True)
+
+
+@pytest.mark.parametrize("name", ["thesis", "gym-pybullet-drones", "firmware"])
+def test_published_sets_carry_a_crazyflie(name: str) -> None:
+    one = published(name)
+    drive = np.array([2.2, 3.6]) if one.in_volts else np.array([0.4, 0.95])
+    low, high = 4 * np.polynomial.polynomial.polyval(drive, one.thrust_n)
+    assert low < 9.81 * one.mass_kg < high
+
+
+def test_a_set_that_states_too_little_is_left_out_and_named(
+    flown: tuple[ParameterSet, FlownLog], cfid: Cfid, tmp_path: Path
+) -> None:
+    series = only(flown[1].log)
+    write_table(series, series.names[:10], tmp_path / "flight.csv")
+    done = cfid("--json", "validate", "flight.csv", "--with", "all", "--no-figures")
+    assert done.returncode == 0, done.stderr
+    used = set(json.loads(done.stdout)["quality"]["sets"])
+    assert used >= {"thesis", "gym-pybullet-drones"}
+    left_out = published_sets().keys() - used
+    assert "landry" in left_out
+    assert all(name in done.stderr for name in left_out)
+    assert cfid("validate", "flight.csv", "--with", "nobody", "--no-figures").returncode == 2
 
 
 def test_a_published_set_that_needs_a_voltage_is_left_out_where_others_need_none(
@@ -280,7 +298,7 @@ def test_a_published_set_that_needs_a_voltage_is_left_out_where_others_need_none
     write_table(series, series.names[:10], tmp_path / "flight.csv")
     both = cfid("validate", "flight.csv", "--with", "firmware", "--with", "thesis", "--no-figures")
     assert both.returncode == 0, both.stderr
-    assert "thesis: 28 g" in both.stdout
+    assert any(line.split()[:2] == ["thesis", "28"] for line in both.stdout.splitlines())
     alone = cfid("validate", "flight.csv", "--with", "firmware", "--no-figures")
     assert alone.returncode == 2
 
@@ -307,7 +325,7 @@ def test_a_rig_gives_a_set_along_forward_left_and_up(tmp_path: Path) -> None:
 @pytest.mark.skipif(not FLIGHTS.is_dir(), reason="the public flights are not here (CFID_DATA)")
 def test_a_lag_predicts_a_public_flight_better_than_none() -> None:
     flight = read_flight(FLIGHTS / "eschmann_log15.usd", from_s=15.94, to_s=51.36)
-    sets = [published_set(name) for name in ("thesis", "gym-pybullet-drones")]
+    sets = [published(name) for name in ("thesis", "gym-pybullet-drones")]
     result = validate(flight, sets, used=())
     assert result.quality["segments"] == 33
     one = of(table_of(flight, *sets), "rates", 0.1, "gym-pybullet-drones")
