@@ -33,6 +33,8 @@ _VELOCITY_STD = 0.025
 # Of the moment about yaw by gyroscopic effects: in gusts, or with slow telemetry, simulated flights make it 1 to 5 %
 # small.
 _TURN_STD = 0.025
+# Of the rotors' inertia over that moment: with speeds every 4 ms, simulated flights make it 2 to 2.5 % small.
+_SPIN_STD = 0.03
 _DELAY_STD_S = 5e-4  # of telemetry and sensors, which take turns: what their delay scatters by
 # The powers with which quantities depend on the units of the causes.
 _OF_ARM = {"kg": 1.0, "m": 1.0, "slope": 1.0}
@@ -90,7 +92,8 @@ def of_speeds(flights: Sequence[FlownLog], drags: Mapping[str, AxisDrag | None],
         lines=tuple(_lines(flights, fit)),
         drawings=drawings,
     )
-    of_yaw = dict.fromkeys((MOMENTS["yaw"], _SPIN), _OF_TURNS if body.torque_m is None else _OF_TORQUE)
+    by = _OF_TURNS if body.torque_m is None else _OF_TORQUE
+    of_yaw = {MOMENTS["yaw"]: by, _SPIN: {**by, "spin": 1.0}}
     scales = power_law(quantities, _causes(fit, body, flights), _POWERS | of_yaw)
     bent = 2 * body.mass_kg * fit.thrust.n * np.array([1.0, -fit.hover_rad_s, 0.0])
     slope = {_slope(fit): {_POLYNOMIAL: fit.half_slope.s * bent}}
@@ -109,6 +112,7 @@ def _causes(fit: SpeedFit, body: Body, flights: Sequence[FlownLog]) -> dict[str,
     mass = Cause("mass", body.mass_std_kg / body.mass_kg or None)
     turn = Cause("gyroscopic effects of turns", _TURN_STD)
     causes = {"kg": {mass: 1.0}, "N": {mass: 1.0}, "turn": {turn: 1.0}, "slope": {_slope(fit): 1.0}}
+    causes["spin"] = {Cause("speeds that come late", _SPIN_STD): 1.0}
     if body.arm_m is not None:
         arm = Cause("arm", None if body.arm_std_m is None else body.arm_std_m / body.arm_m)
         causes["m"], causes["N m"] = {arm: 1.0}, {mass: 1.0, arm: 1.0, turn: 1.0}
