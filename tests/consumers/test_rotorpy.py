@@ -27,6 +27,7 @@ from tests.consumers.plant import (
 )
 
 STEP_S = 0.001
+OWN_ORDER = [3, 0, 1, 2]  # r1 to r4 are m4, m1, m2, m3
 GOAL_M = np.array([0.0, 0.0, 1.0])
 TO_HOVER = {
     "x": GOAL_M, "x_dot": np.zeros(3), "x_ddot": np.zeros(3), "x_dddot": np.zeros(3),
@@ -53,13 +54,17 @@ def flown(drone: Any, controller: Any) -> Array:
 
 def test_rotorpy_flies_the_vehicle_with_its_own_controller(tmp_path: Path, judge: Judge) -> None:
     from rotorpy.controllers.quadrotor_control import SE3Control
+    from rotorpy.vehicles import crazyflie_params
     from rotorpy.vehicles.multirotor import Multirotor
 
     parameters = runpy.run_path(str(written("rotorpy", tmp_path, "rotorpy_params.py")))["quad_params"]
     drone = Multirotor(parameters)
+    for name, place in crazyflie_params.quad_params["rotor_pos"].items():  # its RAPTOR controller knows no other order
+        assert np.sign(parameters["rotor_pos"][name][:2]).tolist() == np.sign(place[:2]).tolist()
+    assert parameters["rotor_directions"].tolist() == crazyflie_params.quad_params["rotor_directions"].tolist()
     still = {"cmd_motor_speeds": np.full(4, HOVER_RAD_S)}
     turning = [
-        drone.statedot(state_of(speeds(axis)), still, STEP_S)["wdot"][i] for i, axis in enumerate(MIXES)
+        drone.statedot(state_of(speeds(axis)[OWN_ORDER]), still, STEP_S)["wdot"][i] for i, axis in enumerate(MIXES)
     ]  # fmt: skip
     braking = [
         -drone.statedot(state_of(np.full(4, HOVER_RAD_S), velocity=np.eye(3)[i]), still, STEP_S)["vdot"][i]

@@ -192,7 +192,8 @@ def test_crazyflow_has_rpm_and_drag_per_velocity() -> None:
     assert drone["rotor_dyn_coef"] == pytest.approx([7.0, 0.002 * RPM, 3.0, 0.001 * RPM])
     drag = -4 * HOVER_RAD_S * np.diag([9.1785e-7, 9.1785e-7, 10.311e-7])
     np.testing.assert_allclose(drone["drag_matrix"], drag)
-    assert (drone["thrust_min"], drone["thrust_max"]) == (0.001, pytest.approx(thesis.MAX_THRUST_N))
+    assert drone["thrust_max"] == pytest.approx(thesis.MAX_THRUST_N)
+    assert drone["thrust_min"] == pytest.approx(macros(export("firmware", vehicle()))["THRUST_MIN"])
     assert drone["L"] == pytest.approx(0.03253, abs=5e-6)  # as crazyflow 0.4.0 publishes it
 
 
