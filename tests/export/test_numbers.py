@@ -168,10 +168,12 @@ def test_the_firmwares_header_compiles_over_its_defaults(tmp_path: Path) -> None
     (tmp_path / "measured.h").write_text(export("firmware", vehicle()))
     (tmp_path / "try.c").write_text(
         "#include <stdio.h>\n#define CF_MASS 0.029f\n#define THRUST2TORQUE 1.0f\n"
+        "#define THRUST_MAX 0.12f\n#define PID_VEL_THRUST_BASE 36000.0f\n"
         '#include "measured.h"\n#include "measured.h"\n'
-        'int main(void) { printf("%.8g %.8g %.8g %.8g %.8g %.8g %.8g\\n", CF_MASS, ARM_LENGTH, THRUST2TORQUE,\n'
+        'int main(void) { printf("%.8g %.8g %.8g %.8g %.8g %.8g %.8g %.8g %.8g %.8g\\n", CF_MASS, ARM_LENGTH, THRUST2TORQUE,\n'
         "  VMOTOR2THRUST0 + VMOTOR2THRUST1 * 3 + VMOTOR2THRUST2 * 9 + VMOTOR2THRUST3 * 27, DRAG_B_X, DRAG_B_Z,\n"
-        "  THRUST_MAX); }\n"
+        "  THRUST_MAX, PID_VEL_THRUST_BASE / 65535 * 4 * THRUST_MAX,\n"
+        "  CFID_MASS_THRUST * 4 * THRUST_MAX, CFID_GAINS_LEGACY * THRUST_MAX); }\n"
     )
     command = ["cc", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-o", str(tmp_path / "try"), str(tmp_path / "try.c")]
     subprocess.run(command, check=True, capture_output=True, text=True)
@@ -179,7 +181,8 @@ def test_the_firmwares_header_compiles_over_its_defaults(tmp_path: Path) -> None
 
     drag_1_s = [drag * 4 * HOVER_RAD_S / thesis.MASS_KG for drag in (9.1785e-7, 10.311e-7)]
     cubic_3v = -0.01 + 0.04 * 3 - 0.02 * 9 + 0.006 * 27
-    expected = (0.028, 0.046, MOMENT_M, cubic_3v, *drag_1_s, thesis.MAX_THRUST_N)
+    # The base carries the weight, and commands turn as fast with the largest thrust as with the firmware's own.
+    expected = (0.028, 0.046, MOMENT_M, cubic_3v, *drag_1_s, thesis.MAX_THRUST_N, thesis.MASS_KG * 9.81, 65535, 0.12)
     assert [float(word) for word in printed.split()] == pytest.approx(expected, rel=1e-6)
 
 
