@@ -20,12 +20,18 @@ def new_campaign(
             "the numbers of the simulated rig; thesis: with those of its calculation."
         ),
     ] = "rig",
+    platform: Annotated[
+        Literal["cf2", "cf21", "cf21bl", "other"] | None,
+        typer.Option(
+            help="Vehicle: Crazyflie 2.0, 2.1, 2.1 Brushless or another; default: cf21 of an owner, else cf2."
+        ),
+    ] = None,
 ) -> None:
     """Make a campaign folder with a commented rig.toml.
 
-    Example: cfid new my-crazyflie
+    Example: cfid new my-crazyflie --kind owner --platform cf21bl
     """
-    path = make_campaign(folder, kind=kind)
+    path = make_campaign(folder, kind=kind, platform=platform)
     todo = "" if kind in ("simulated", "thesis") else ": put what you measured there in place of each ?"
     echo(f"{path}{todo}")
     if kind == "simulated":

@@ -10,16 +10,19 @@ from cfid.console.program import program
 from cfid.errors import ConfigError, DataError
 
 if TYPE_CHECKING:
+    from cfid.quantities.registry import Platform
     from cfid.records.campaign import Campaign
     from cfid.records.rig_file import Preset
 
 _SEEDS = 10**6
 
 
-def make_campaign(folder: Path, *, seed: int | None = None, kind: "Preset" = "rig") -> Path:
+def make_campaign(
+    folder: Path, *, seed: int | None = None, kind: "Preset" = "rig", platform: "Platform | None" = None
+) -> Path:
     """Create a campaign folder and return the path of its rig.toml, which keeps the `seed` of the plan's order.
 
-    `kind` is that of `new_rig_text`.
+    `kind` and `platform` are those of `new_rig_text`.
 
     Raises ConfigError when the folder has a rig.toml already, or cannot be created.
     """
@@ -28,7 +31,7 @@ def make_campaign(folder: Path, *, seed: int | None = None, kind: "Preset" = "ri
 
     try:
         (folder / RUNS_FOLDER).mkdir(parents=True, exist_ok=True)
-        text = new_rig_text(seed=randbelow(_SEEDS) if seed is None else seed, kind=kind)
+        text = new_rig_text(seed=randbelow(_SEEDS) if seed is None else seed, kind=kind, platform=platform)
         write_new(folder / RIG_FILE, text.encode())
     except FileExistsError:
         raise ConfigError(f"{folder / RIG_FILE} exists already: nothing was changed.") from None

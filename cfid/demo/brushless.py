@@ -43,7 +43,7 @@ def owned_truth() -> SimTruth:
 
 def state_measured(rig_file: Path) -> None:
     """Write what the owner measured in place of each question mark of a new rig.toml."""
-    text = rig_file.read_text(encoding="utf-8").replace('platform = "cf21" ', 'platform = "cf21bl" ')
+    text = rig_file.read_text(encoding="utf-8")
     text = re.sub(r'(\w+) = "\?', lambda found: f'{found[1]} = "{_MEASURED[found[1]]}', text)
     write_whole(rig_file, text.encode())
 

@@ -122,7 +122,7 @@ def _in_the_lab(folder: Path, stated: SimTruth | None, *, seed: int) -> _Scene:
 
 
 def _at_home(folder: Path, stated: SimTruth | None, *, seed: int) -> _Scene:
-    brushless.state_measured(make_campaign(folder, seed=seed, kind="owner"))
+    brushless.state_measured(make_campaign(folder, seed=seed, kind="owner", platform="cf21bl"))
     campaign, truth = open_campaign(folder), stated or brushless.owned_truth()
     vehicle = brushless.flying(truth, campaign.rig, seed=seed)
     echo("four flights of the simulated Brushless ...", err=True)

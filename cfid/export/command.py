@@ -12,9 +12,21 @@ from cfid.console.program import program
 from cfid.errors import ConfigError, DataError
 from cfid.export.render import rendered
 from cfid.export.samples import EVERYTHING, LISTS, counts_text, draw
-from cfid.export.target import FOLDER, Target, given_by, need_keys, need_text, refuse, target_named, targets, warnings
-from cfid.export.vehicle import ExportVehicle, collect, collect_published
-from cfid.published import published_set
+from cfid.export.target import (
+    FOLDER,
+    TORQUE,
+    Target,
+    given_by,
+    need_keys,
+    need_text,
+    refuse,
+    target_named,
+    targets,
+    warnings,
+)
+from cfid.export.vehicle import ExportVehicle, collect, collect_published, with_published
+from cfid.published import published_set, published_sets
+from cfid.quantities.registry import Platform
 from cfid.records.campaign import Campaign
 from cfid.records.files import write_files
 from cfid.records.values import Values
@@ -38,6 +50,14 @@ def export(
             "--from",
             metavar="NAME|FILE.toml",
             help="Published parameter set to export instead of a campaign, such as thesis; writes to this folder.",
+        ),
+    ] = None,
+    published: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="torque|KEY[=SET]",
+            help="Quantity that was not measured to take from a published set, marked; default set: the first of the "
+            "vehicle's platform; cfid compare shows all.",
         ),
     ] = None,
     out: Annotated[
@@ -78,6 +98,9 @@ def export(
         opened = here()
         place, exports = opened.folder, opened.folder / FOLDER
         vehicle, values = _collected(opened)
+        vehicle = _completed(vehicle, published or [], opened.rig.vehicle.platform)
+    elif published:
+        raise ConfigError("--published completes a campaign's values, and --from takes none: give one of both.")
     else:
         place, exports = Path(), Path()
         vehicle = collect_published(published_set(source))
@@ -110,6 +133,18 @@ def export(
         echo(text, nl=False)
         for sentence in notes:
             note(sentence)
+
+
+def _completed(vehicle: ExportVehicle, words: Sequence[str], platform: Platform) -> ExportVehicle:
+    """Return a vehicle with quantities KEY or KEY=SET of sets; without one, of the platform's first that states it."""
+    for word in words:
+        key, _, name = word.partition("=")
+        key = TORQUE if key == "torque" else key
+        sets = [each for each in published_sets().values() if each.platform == platform and each.find(key)]
+        if not name and not sets:
+            raise ConfigError(f"--published {word}: no set for {platform} states it: name one, as in {word}=thesis.")
+        vehicle = with_published(vehicle, key, published_set(name) if name else sets[0])
+    return vehicle
 
 
 def _collected(campaign: Campaign) -> tuple[ExportVehicle, Values]:

@@ -19,12 +19,14 @@ from cfid.quantities.registry import find, registered
 from cfid.records.files import first_fault
 from cfid.records.values import Values
 
+TORQUE = "motor.torque_poly"
+_BORROWED = " `published` torque takes the torque over thrust that others state for such a vehicle, and marks it."
 FOLDER = "exports"  # in a campaign's folder: exported files, and templates of its own
 _SIGNED = (  # negative where the force is earlier than its stamped input, or where a moment points against its axis
     "tf.delay_s", "flight.moment_per_velocity_ns.roll", "flight.moment_per_velocity_ns.pitch",
 )  # fmt: skip
 _MARKS = (  # the worst first
-    "REJECTED", "IMPLAUSIBLE", "OUTDATED", "SIMULATED",
+    "REJECTED", "IMPLAUSIBLE", "OUTDATED", "SIMULATED", "PUBLISHED",
     "NO HOVERING", "EXTRAPOLATED", "OTHER RIG", "ASSUMED", "CALCULATED", "REMARK",
 )  # fmt: skip
 
@@ -158,7 +160,8 @@ def check_sense(target: Target, vehicle: ExportVehicle) -> None:
     if lacking := target.missing(vehicle):
         lack = f"the set {vehicle.published.name} does not state" if vehicle.published else "is not measured yet"
         needs = "; ".join(need_text(need, vehicle) for need in lacking)
-        raise DataError(f"{target.name} needs what {lack}: {needs}.")
+        remedy = "" if vehicle.published or TORQUE not in lacking else _BORROWED
+        raise DataError(f"{target.name} needs what {lack}: {needs}.{remedy}")
     for quantity in target.taken(vehicle):
         if isinstance(quantity.value, int | float) and quantity.value <= 0 and quantity.key not in _SIGNED:
             raise DataError(f"{quantity.key} is {quantity.value:.7g}, and {target.name} needs it above zero.")

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 from cfid.errors import ConfigError
 from cfid.published import PublishedSet
+from cfid.published.set_file import PublishedValue
 from cfid.quantities.plausible import centre_fault, implausible
 from cfid.quantities.registry import Platform, unit_of
 from cfid.records.parameters import Section, Value, plain
@@ -195,15 +196,7 @@ def collect_published(published: PublishedSet) -> ExportVehicle:
         for key, (value, reason) in assumed.items()
     }
     for value in reversed(published.values):  # the first value of a key counts
-        mark = "CALCULATED" if value.calculated else "REMARK"
-        quantities[value.key] = ExportQuantity(
-            key=value.key,
-            value=value.value,
-            std=value.std,
-            unit=unit_of(value.key),
-            origin=f"published set {published.name}: {published.origin(value)}; not measured here",
-            caveats=(Caveat(mark, value.remark),) if value.remark else (),
-        )
+        quantities[value.key] = _of_set(published, value)
     return ExportVehicle(
         name=published.vehicle,
         campaign="",
@@ -211,6 +204,37 @@ def collect_published(published: PublishedSet) -> ExportVehicle:
         frame=published.frame,
         quantities=_judged(quantities, published.platform),
         published=published,
+    )
+
+
+def with_published(vehicle: ExportVehicle, key: str, published: PublishedSet) -> ExportVehicle:
+    """Return a vehicle with a set's value of a quantity, marked, which has no direction and was not measured.
+
+    Raises ConfigError for a quantity that was measured, has a direction, or is not in the set.
+    """
+    value = published.find(key)
+    if vehicle.find(key) is not None or key in vehicle.partial:
+        raise ConfigError(f"`published` {key}: it was measured, and no published value replaces that.")
+    if value is None or key not in EXPORTED:
+        raise ConfigError(f"`published` {key}: {published.name} does not state it, or no export takes it.")
+    if isinstance(value.value[0] if isinstance(value.value, list) else 0.0, list) or key.startswith("drag"):
+        raise ConfigError(f"`published` {key}: it has directions, which are not those of this vehicle.")
+    quantity = _of_set(published, value)
+    taken = Caveat("PUBLISHED", f"not measured, but taken from {published.name}: {published.origin(value)}")
+    quantity = replace(quantity, caveats=(taken, *quantity.caveats))
+    return replace(vehicle, quantities={**vehicle.quantities, key: quantity})
+
+
+def _of_set(published: PublishedSet, value: PublishedValue) -> ExportQuantity:
+    """Return a set's value as a quantity, marked with what is known against it."""
+    mark = "CALCULATED" if value.calculated else "REMARK"
+    return ExportQuantity(
+        key=value.key,
+        value=value.value,
+        std=value.std,
+        unit=unit_of(value.key),
+        origin=f"published set {published.name}: {published.origin(value)}; not measured here",
+        caveats=(Caveat(mark, value.remark),) if value.remark else (),
     )
 
 

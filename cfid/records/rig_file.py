@@ -761,13 +761,18 @@ def load_rig(path: Path) -> Rig:
     return Rig.of(content, name=str(path))
 
 
-def new_rig_text(*, seed: int = 0, kind: Preset = "simulated") -> str:
-    """Return the commented rig.toml that a new campaign starts from.
+_PLATFORM = re.compile(r'^(platform = )"\w+"', re.MULTILINE)
+
+
+def new_rig_text(*, seed: int = 0, kind: Preset = "simulated", platform: Platform | None = None) -> str:
+    """Return the commented rig.toml that a new campaign starts from, of a vehicle of a platform.
 
     For a `rig` and for an `owner` without one, what has to be measured is a "?". The `simulated` rig has the thesis'
     vehicle, cube and test body; for `thesis`, what its calculation has otherwise is as there (C.1.2 to C.1.7).
     """
     text = _preset(f"{'simulated' if kind == 'thesis' else kind}.toml").replace("seed = 0 ", f"seed = {seed} ")
+    if platform is not None:
+        text = _PLATFORM.sub(rf'\1"{platform}"', text)
     if kind != "thesis":
         return text
     import tomlkit  # slow to load

@@ -170,7 +170,8 @@ def test_the_firmwares_header_compiles_over_its_defaults(tmp_path: Path) -> None
         "#include <stdio.h>\n#define CF_MASS 0.029f\n#define THRUST2TORQUE 1.0f\n"
         "#define THRUST_MAX 0.12f\n#define PID_VEL_THRUST_BASE 36000.0f\n"
         '#include "measured.h"\n#include "measured.h"\n'
-        'int main(void) { printf("%.8g %.8g %.8g %.8g %.8g %.8g %.8g %.8g %.8g %.8g\\n", CF_MASS, ARM_LENGTH, THRUST2TORQUE,\n'
+        'int main(void) { printf("%.8g %.8g %.8g %.8g %.8g %.8g %.8g %.8g %.8g %.8g\\n",\n'
+        "  CF_MASS, ARM_LENGTH, THRUST2TORQUE,\n"
         "  VMOTOR2THRUST0 + VMOTOR2THRUST1 * 3 + VMOTOR2THRUST2 * 9 + VMOTOR2THRUST3 * 27, DRAG_B_X, DRAG_B_Z,\n"
         "  THRUST_MAX, PID_VEL_THRUST_BASE / 65535 * 4 * THRUST_MAX,\n"
         "  CFID_MASS_THRUST * 4 * THRUST_MAX, CFID_GAINS_LEGACY * THRUST_MAX); }\n"
