@@ -44,6 +44,14 @@ def python(name: str, vehicle: ExportVehicle, folder: Path) -> dict[str, Any]:
     return found
 
 
+def drone(vehicle: ExportVehicle) -> dict[str, Any]:
+    """Return what an export for crazyflow states of the vehicle."""
+    found: dict[str, Any] = {"__name__": "crazyflow_drone"}
+    exec(export("crazyflow", vehicle), found)
+    own: dict[str, Any] = found["FIRST_PRINCIPLES"]
+    return own
+
+
 def yaml(name: str, vehicle: ExportVehicle) -> Any:
     """Return an export read as YAML."""
     parser = pytest.importorskip("yaml", reason="PyYAML is not installed")

@@ -17,7 +17,7 @@ from cfid.export.vehicle import collect
 from cfid.records.parameters import Parameter
 from cfid.records.rig_file import BodyFrame, thesis_rig
 from tests.export import thesis_vehicle as thesis
-from tests.export.reading import attributes, export, macros, python, toml, xml, yaml
+from tests.export.reading import attributes, drone, export, macros, python, toml, xml, yaml
 from tests.export.thesis_vehicle import INERTIA_KG_M2, flown_sections, sections, vehicle, with_value
 from tests.lab import values_of
 
@@ -91,7 +91,7 @@ def test_the_inertia_that_others_copied_is_turned_in_every_file(
     assert yaml("omnidrones", known)["inertia"] == entries
     assert dict(zip(COPIED, map(float, webots), strict=True)) == entries
     assert [lee["J_x"], lee["J_y"], lee["J_z"]] == [entries["xx"], entries["yy"], entries["zz"]]
-    assert toml("crazyflow", known)["cf2x_L250"]["J"][0] == [entries["xx"], entries["xy"], entries["xz"]]
+    assert drone(known)["J"][0] == [entries["xx"], entries["xy"], entries["xz"]]
     for gym in ("gym-pybullet-drones", "safe-control-gym"):
         moments = attributes(next(xml(gym, known).iter("inertia")))
         assert moments == {f"i{name}": entries[name] if name[0] == name[1] else 0 for name in entries}
@@ -133,7 +133,7 @@ def test_rotors_stand_around_the_centre_of_mass() -> None:
     x = np.array([side, -side, -side, side]) - 0.001
     y = np.array([-side, -side, side, side]) + 0.002
     motors = Derived(moved).motors
-    crazyflow = toml("crazyflow", moved)["cf2x_L250"]
+    crazyflow = drone(moved)
     omnidrones = yaml("omnidrones", moved)["rotor_configuration"]
     sites = [e.attrib["pos"].split() for e in xml("mujoco", moved).iter("site") if "pos" in e.attrib]
     airframe = export("px4-airframe", moved)
@@ -188,17 +188,17 @@ def test_the_firmwares_header_compiles_over_its_defaults(tmp_path: Path) -> None
 
 
 def test_crazyflow_has_rpm_and_drag_per_velocity() -> None:
-    drone = toml("crazyflow", vehicle())["cf2x_L250"]
+    flown = drone(vehicle())
 
-    assert np.polyval(drone["rpm2thrust"][::-1], HOVER_RPM) == pytest.approx(SHARE_N)
-    assert np.polyval(drone["rpm2torque"][::-1], HOVER_RPM) == pytest.approx(MOMENT_NM)
-    assert drone["rpm2thrust"][0] == drone["rpm2torque"][0] == 0.0  # none at rest
-    assert drone["rotor_dyn_coef"] == pytest.approx([7.0, 0.002 * RPM, 3.0, 0.001 * RPM])
+    assert np.polyval(flown["rpm2thrust"][::-1], HOVER_RPM) == pytest.approx(SHARE_N)
+    assert np.polyval(flown["rpm2torque"][::-1], HOVER_RPM) == pytest.approx(MOMENT_NM)
+    assert flown["rpm2thrust"][0] == flown["rpm2torque"][0] == 0.0  # none at rest
+    assert flown["rotor_dyn_coef"] == pytest.approx([7.0, 0.002 * RPM, 3.0, 0.001 * RPM])
     drag = -4 * HOVER_RAD_S * np.diag([9.1785e-7, 9.1785e-7, 10.311e-7])
-    np.testing.assert_allclose(drone["drag_matrix"], drag)
-    assert drone["thrust_max"] == pytest.approx(thesis.MAX_THRUST_N)
-    assert drone["thrust_min"] == pytest.approx(macros(export("firmware", vehicle()))["THRUST_MIN"])
-    assert drone["L"] == pytest.approx(0.03253, abs=5e-6)  # as crazyflow 0.4.0 publishes it
+    np.testing.assert_allclose(flown["drag_matrix"], drag)
+    assert flown["thrust_max"] == pytest.approx(thesis.MAX_THRUST_N)
+    assert flown["thrust_min"] == pytest.approx(macros(export("firmware", vehicle()))["THRUST_MIN"])
+    assert flown["L"] == pytest.approx(0.03253, abs=5e-6)  # as crazyflow 0.4.0 publishes it
 
 
 @pytest.mark.parametrize(
@@ -209,9 +209,7 @@ def test_crazyflow_has_rpm_and_drag_per_velocity() -> None:
 def test_thrust_over_rpm_keeps_the_measured_value_and_slope_at_hovering_where_it_can(
     poly: list[float], kept: bool
 ) -> None:
-    _, linear, square = toml("crazyflow", with_value(vehicle(), "motor.thrust_speed_poly", poly))["cf2x_L250"][
-        "rpm2thrust"
-    ]
+    _, linear, square = drone(with_value(vehicle(), "motor.thrust_speed_poly", poly))["rpm2thrust"]
 
     if kept:
         assert linear * HOVER_RPM + square * HOVER_RPM**2 == pytest.approx(np.polyval(poly, HOVER_RAD_S))
@@ -260,7 +258,7 @@ def test_rotorpys_flapping_moment_is_the_mean_of_those_about_roll_and_pitch(tmp_
 def test_the_inertia_of_rotors_that_flights_show_is_in_crazyflow_and_gazebo() -> None:
     known = collect(thesis_rig(), values_of(flown_sections()))
 
-    assert toml("crazyflow", known)["cf2x_L250"]["prop_inertia"] == 3e-8
+    assert drone(known)["prop_inertia"] == 3e-8
     for name in ("gazebo", "px4-gazebo"):
         along = [float(link.findtext("inertial/inertia/izz", "nan")) for link in xml(name, known).iter("link")]
         assert along[1:] == pytest.approx([10 * 3e-8] * 4)  # joints turn 10 times slower
@@ -364,7 +362,7 @@ def test_system_id_and_the_header_have_one_least_thrust() -> None:
 def test_without_a_rotor_model_the_lag_is_that_of_the_transfer_function(tmp_path: Path) -> None:
     lag_s = thesis.TIME_CONSTANT_S
     assert python("rotorpy", vehicle("dynamics.rising"), tmp_path)["tau_m"] == pytest.approx(lag_s)
-    coefficients = toml("crazyflow", vehicle("dynamics.falling"))["cf2x_L250"]["rotor_dyn_coef"]
+    coefficients = drone(vehicle("dynamics.falling"))["rotor_dyn_coef"]
     assert coefficients == pytest.approx([1 / lag_s, 0, 1 / lag_s, 0])
 
 
@@ -378,7 +376,7 @@ def test_what_was_not_measured_is_left_out_or_zero(tmp_path: Path) -> None:
     rotor = next(link for link in xml("gazebo", none).iter("link") if link.attrib["name"] == "crazyflie/m1_prop")
     assert rotor.findtext("visual/geometry/cylinder/radius") == "0.0231"  # a Crazyflie's propeller, as a disc
     assert float(rotor.findtext("inertial/inertia/izz", "nan")) == pytest.approx(2.8e-4 * 0.0231**2 / 2)
-    assert toml("crazyflow", none)["cf2x_L250"]["drag_matrix"] == [[0.0] * 3] * 3
+    assert drone(none)["drag_matrix"] == [[0.0] * 3] * 3
     assert len(list(xml("mujoco", none).iter("general"))) == 4
     assert "DRAG_B_X" not in macros(export("firmware", none))
     assert macros(export("firmware", collect(thesis_rig(), values_of({})))) == {"CF_MASS": 0.028, "ARM_LENGTH": 0.046}

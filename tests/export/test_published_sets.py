@@ -10,7 +10,7 @@ from cfid.export.derived import Derived
 from cfid.export.vehicle import collect_published
 from cfid.published import PublishedSet, published_set, published_sets
 from tests.export import thesis_vehicle as thesis
-from tests.export.reading import TARGETS, export, macros, toml, xml
+from tests.export.reading import TARGETS, drone, export, macros, xml
 from tests.export.test_numbers import TURNED
 from tests.export.test_refusals import head
 from tests.lab import ROOT, Cfid
@@ -127,9 +127,9 @@ def test_a_set_is_exported_to_the_current_folder_without_a_campaign(cfid: Cfid, 
     (tmp_path / "crazyflie_mujoco.xml").write_text("mine")
     assert cfid("export", "mujoco", "--from", "thesis").returncode == 2
     assert cfid("export", "mujoco", "--from", "thesis", "--force").returncode == 0
-    assert cfid("export", "crazyflow", "--from", "thesis", "--out", "a/b.toml").returncode == 0
-    assert toml("crazyflow", THESIS)["cf2x_L250"]["mass"] == 0.028
-    assert "mass = 0.028" in (tmp_path / "a" / "b.toml").read_text()
+    assert cfid("export", "crazyflow", "--from", "thesis", "--out", "a/b.py").returncode == 0
+    assert drone(THESIS)["mass"] == 0.028
+    assert '"mass": 0.028,' in (tmp_path / "a" / "b.py").read_text()
 
 
 def test_what_a_set_lacks_is_refused_by_its_keys(cfid: Cfid, tmp_path: Path) -> None:
