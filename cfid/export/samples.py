@@ -30,19 +30,15 @@ from cfid.records.covariances import covariance_between, names_of, numbers_of, s
 from cfid.records.parameters import Parameter, Section, Value, plain
 from cfid.records.values import Values
 from cfid.units import DEAD_COMMAND, FULL_COMMAND
-from cfid.version import __version__
 
 Array = npt.NDArray[np.float64]
 
 EVERYTHING = Target(name="samples", about="", file_name="samples.csv", comment="", needs=(), uses=EXPORTED, template="")
-# By target, the file that lists all drawn vehicles. Its entries are the rows of the target's template.
-LISTS = {
-    "rotorpy": ("samples_rotorpy.py", "{comments}\nimport numpy as np\n\nQUADS = [\n{entries},\n]\n"),
-    "crazyflow": (
-        "samples_crazyflow.json",
-        '{{"written_by": "cfid {version}", "about": {about}, "drones": [\n{entries}\n]}}\n',
-    ),
-}
+# By target, the file of all drawn vehicles. Its entries are the rows of the target's template.
+LISTS = {"rotorpy": "samples_rotorpy.py", "crazyflow": "samples_crazyflow.npz"}
+# The parameters of crazyflow's worlds, whose arrays have an axis for worlds, one for drones, and often one for motors.
+_OF_MOTORS = ("mass", "L", "prop_inertia", "rpm2thrust", "rpm2torque", "rotor_dyn_coef")
+_OF_DRONES = ("J", "mixing_matrix", "drag_matrix")
 _MOST_REJECTED = 0.5  # of the draws: with more, the remaining draws have another distribution
 _FEWEST = 200  # draws by which the rejected share is judged
 _ROUNDING = 1e-6  # of the correlations' eigenvalues: smaller negative ones are none
@@ -198,13 +194,31 @@ class Samples:
             seed=np.array(seed),
             about=np.array(about),
         )
-        lists = {LISTS[name][0]: (LISTS[name][1], ",\n".join(entries)) for name, entries in self.entries.items()}
-        head = {"comments": commented(about, "#"), "about": json.dumps(about), "version": __version__}
+        lists = {
+            LISTS[name]: _worlds(entries) if name == "crazyflow" else _quads(entries, about)
+            for name, entries in self.entries.items()
+        }
         return {
             "samples.csv": table.getvalue().encode(),
             "samples.npz": packed.getvalue(),
-            **{name: form.format(entries=entries, **head).encode() for name, (form, entries) in lists.items()},
+            **lists,
         }
+
+
+def _quads(entries: Sequence[str], about: Sequence[str]) -> bytes:
+    """Return RotorPy's vehicles as a module."""
+    listed = ",\n".join(entries)
+    return f"{commented(about, '#')}\nimport numpy as np\n\nQUADS = [\n{listed},\n]\n".encode()
+
+
+def _worlds(entries: Sequence[str]) -> bytes:
+    """Return the parameters of crazyflow's worlds by name, with a vehicle in each."""
+    drones, packed = [json.loads(entry) for entry in entries], io.BytesIO()
+    stacked = {name: np.array([drone[name] for drone in drones], dtype=np.float32) for name in drones[0]}
+    worlds: dict[str, Any] = {name: stacked[name][:, np.newaxis, np.newaxis] for name in _OF_MOTORS}
+    worlds |= {name: stacked[name][:, np.newaxis] for name in _OF_DRONES}
+    np.savez_compressed(packed, **worlds, J_inv=np.linalg.inv(worlds["J"]))
+    return packed.getvalue()
 
 
 def draw(vehicle: ExportVehicle, values: Values, *, count: int, seed: int) -> Samples:

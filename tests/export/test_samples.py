@@ -1,7 +1,6 @@
 """`cfid export samples` draws possible vehicles with the stated covariances, and every file has the same numbers."""
 
 import csv
-import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -217,6 +216,13 @@ def read_csv(path: Path) -> tuple[list[str], Array]:
     return head, np.array(rows, dtype=np.float64)
 
 
+def worlds_of(folder: Path) -> list[dict[str, Any]]:
+    """Return the parameters of each of crazyflow's worlds, which have axes for drones and motors."""
+    with np.load(folder / "samples_crazyflow.npz") as file:
+        arrays = dict(file)
+    return [{name: values[world, 0] for name, values in arrays.items()} for world in range(len(arrays["mass"]))]
+
+
 def test_all_files_hold_the_same_vehicles_as_their_own_exports_write_them(cfid: Cfid, campaign: Path) -> None:
     ended = cfid("export", "samples", "--n", "20", "--seed", "7", "--out", "drawn")
     assert ended.returncode == 0, ended.stderr
@@ -224,7 +230,7 @@ def test_all_files_hold_the_same_vehicles_as_their_own_exports_write_them(cfid: 
     head, rows = read_csv(folder / "samples.csv")
     with np.load(folder / "samples.npz") as file:
         packed = dict(file)
-    drones = json.loads((folder / "samples_crazyflow.json").read_text())["drones"]
+    drones = worlds_of(folder)
     names: dict[str, Any] = {}
     exec((folder / "samples_rotorpy.py").read_text(), names)
 
@@ -234,16 +240,17 @@ def test_all_files_hold_the_same_vehicles_as_their_own_exports_write_them(cfid: 
     assert (len(drones), len(names["QUADS"]), len(rows)) == (20, 20, 20)
     for row, drone, quad in zip(rows, drones, names["QUADS"], strict=True):
         number = dict(zip(head, row, strict=True))
-        assert drone["mass"] == quad["mass"] == pytest.approx(number["mass_kg"])
+        assert drone["mass"] == pytest.approx(quad["mass"], rel=1e-6)  # in single precision
+        assert quad["mass"] == pytest.approx(number["mass_kg"])
         assert quad["k_eta"] == pytest.approx(number["motor.thrust_per_speed_squared_n_s2"])
         # The thesis' x axis points to the right, so its yy is the moment about the axis that points forward.
-        assert quad["Ixx"] == drone["J"][0][0] == pytest.approx(number["inertia.matrix_kg_m2 yy"])
-        if "motor.thrust_voltage_poly" not in {name.partition(" ")[0] for name in head}:
-            assert drone["thrust_min"] == pytest.approx(7000 / 65535 * drone["thrust_max"])
+        assert quad["Ixx"] == pytest.approx(number["inertia.matrix_kg_m2 yy"])
+        assert drone["J"][0][0] == pytest.approx(quad["Ixx"], rel=1e-6)
+        np.testing.assert_allclose(drone["J"] @ drone["J_inv"], np.eye(3), atol=1e-6)
         assert quad["rotor_pos"]["r1"][0] == pytest.approx(
             number["arm_m"] / np.sqrt(2) - number["centre_of_mass_m [1]"]
         )
-    assert len({drone["mass"] for drone in drones}) == 20
+    assert len({float(drone["mass"][0]) for drone in drones}) == 20
 
 
 def test_moments_of_flights_are_drawn_as_flights_show_them(cfid: Cfid, tmp_path: Path) -> None:
@@ -253,12 +260,12 @@ def test_moments_of_flights_are_drawn_as_flights_show_them(cfid: Cfid, tmp_path:
     ended = cfid("export", "samples", "--n", "20", "--out", "drawn")
     assert ended.returncode == 0, ended.stderr
     head, rows = read_csv(tmp_path / "drawn" / "samples.csv")
-    drones = json.loads((tmp_path / "drawn" / "samples_crazyflow.json").read_text())["drones"]
+    drones = worlds_of(tmp_path / "drawn")
 
     for row, drone in zip(rows, drones, strict=True):
         number = dict(zip(head, row, strict=True))
-        assert [drone["J"][i][i] for i in range(3)] == pytest.approx(
-            [number[f"flight.inertia_kg_m2.{axis}"] for axis in ("roll", "pitch", "yaw")]
+        assert np.diag(drone["J"]) == pytest.approx(
+            [number[f"flight.inertia_kg_m2.{axis}"] for axis in ("roll", "pitch", "yaw")], rel=1e-6
         )
         assert drone["drag_matrix"][1][1] == pytest.approx(number["flight.drag_kg_per_s.left"])
     assert len({drone["J"][0][0] for drone in drones}) == 20
@@ -313,8 +320,8 @@ def test_what_rig_toml_states_is_drawn_too(cfid: Cfid, campaign: Path) -> None:
     names = [*(f"centre_of_mass_m [{i}]" for i in range(3)), "gravity_mps2", "arm_m", "mass_kg"]
     spread = [rows[:, head.index(name)].std() for name in names]
     assert spread == pytest.approx([5e-4, 4e-4, 3e-4, 2e-3, 4e-4, 2e-4], rel=0.15)
-    drones = json.loads((campaign / "exports" / "samples_crazyflow.json").read_text())["drones"]
-    assert len({drone["mixing_matrix"][0][0] for drone in drones}) == 400
+    drones = worlds_of(campaign / "exports")
+    assert len({float(drone["mixing_matrix"][0][0]) for drone in drones}) == 400
     # The inertia below moves by 0.6 of its standard uncertainty with the centre's x, and by -0.5 with gravity.
     with_xx = [
         np.corrcoef(rows[:, head.index("inertia.matrix_kg_m2 xx")], rows[:, head.index(name)])[0, 1]
