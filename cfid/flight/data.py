@@ -148,8 +148,7 @@ def flight_of(
 
     findings: list[Finding] = []
     commands, speeds, rates, forces, low_pass_hz = _signals(log, findings)
-    if commands and any(_apart_s(motor.time_s) > _SLOWEST_S for motor in speeds):
-        speeds = []  # as PX4 logs them by default: commands are followed instead
+    speeds = _usable(speeds, log.path, findings, instead=bool(commands))
     drives = speeds or commands  # which carry the vehicle
     timed_s = [signal.time_s for signal in (*commands, *speeds, rates, forces)]
     begin_s, end_s = max(begin_s, *(time_s[0] for time_s in timed_s)), min(end_s, *(time_s[-1] for time_s in timed_s))
@@ -211,6 +210,21 @@ def flight_of(
         voltmeter=voltmeter,
         findings=(*findings_in(whole), *(each.at(whole.path.name) for each in findings)),
     )
+
+
+def _usable(speeds: Sequence[Timed], path: Path, findings: list[Finding], *, instead: bool) -> Sequence[Timed]:
+    """Return the speeds, none where they come too rarely or one stands still and there are commands `instead`.
+
+    PX4 logs speeds rarely by default, and a motor's controller that sends none leaves 65535 in a Crazyflie's log.
+    Raises DataError for a speed that stands still where there are no commands.
+    """
+    if any(np.ptp(motor.value) == 0 for motor in speeds):
+        if not instead:
+            raise DataError(f"{path}: a rotor's speed stands still all the time, and there are no commands instead.")
+        text = "a rotor's speed stands still all the time: commands are followed. See that all controllers send speeds."
+        findings.append(warning("flight-speeds-unused", text))
+        return []
+    return [] if instead and any(_apart_s(motor.time_s) > _SLOWEST_S for motor in speeds) else speeds
 
 
 def drive_names(log: Recording) -> list[str]:
@@ -340,7 +354,7 @@ def _together(speeds: Sequence[Timed], begin_s: float) -> Timed:
     Telemetry counts the whole steps of a rotor's period, so that a speed is between the one that is shown and the next
     smaller one of the log; where speeds have no steps, that is hardly another.
     """
-    time_s = speeds[0].time_s
+    time_s = np.unique(speeds[0].time_s)
     columns = []
     for motor in speeds:
         steps, place = np.unique(np.abs(motor.value), return_inverse=True)

@@ -200,8 +200,8 @@ def _findings(fit: SpeedFit, body: Body) -> list[Finding]:
     for axis, air in zip(AXES, fit.air_m, strict=False):
         if not air.s < LOOSE * abs(air.n):
             text = (
-                f"the moment of air about {axis} is known to {100 * air.s / abs(air.n):.0f} % (limit "
-                f"{100 * LOOSE:.0f} %): fly back and forth at 1 m/s."
+                f"the moment of air about {axis}, over mass, arm and velocity, is {air.n:.2g} +- {air.s:.2g} 1/s "
+                f"(limit {100 * LOOSE:.0f} %): fly back and forth at 1 m/s."
             )
             findings.append(rejection("flight-air-not-excited", text, _AIR[axis]))
     return findings

@@ -404,6 +404,7 @@ QUANTITIES = (
 )  # fmt: skip
 
 _TORQUE = Range(0.003, 0.012, "published ones have 0.0052 to 0.0074", "slope")
+_ROTOR = Range(1e-8, 2e-7, "published rotors and those of flights have 3e-8 to 6e-8")
 _BRUSHED: Mapping[str, Range] = {
     "mass_kg": Range(0.019, 0.06, "27 g bare, and up to 15 g of decks are advised"),
     "arm_m": Range(0.03, 0.07, "0.046, and longer motor mounts"),
@@ -413,6 +414,7 @@ _BRUSHED: Mapping[str, Range] = {
     "motor.speed_poly": Range(1700, 4600, "published motors give 2500 to 3100 rad/s", at=FULL_COMMAND),
     "motor.torque_poly": _TORQUE,
     "motor.thrust_per_speed_squared_n_s2": Range(1e-8, 5e-8, "published propellers have 1.8e-8 to 2.9e-8"),
+    "rotor_inertia_kg_m2": _ROTOR,
     "tf.static_gain_n": Range(8e-7, 8e-6, "the slope of published thrust maps is 1e-6 to 4e-6", "size"),
     "drag.simple_kg_per_rad": Range(-1.5e-6, -6.5e-7, "the thesis found -9.2e-7 sideways and -1.03e-6 along z"),
 }
@@ -422,6 +424,8 @@ _BRUSHLESS: Mapping[str, Range] = {
     "rotor_radius_m": Range(0.02, 0.04, "propellers of 55 mm"),
     "motor.thrust_poly": Range(0.1, 0.5, "published motors give 0.2 to 0.25 N", at=FULL_COMMAND),
     "motor.max_thrust_n": Range(0.1, 0.5, "published motors give 0.2 to 0.25 N"),
+    "motor.thrust_per_speed_squared_n_s2": Range(1.5e-8, 1e-7, "flights of three groups show 3.6e-8 to 4e-8"),
+    "rotor_inertia_kg_m2": _ROTOR,
     "motor.torque_poly": _TORQUE,
 }
 _RANGES: Mapping[str, Mapping[str, Range]] = {"cf2": _BRUSHED, "cf21": _BRUSHED, "cf21bl": _BRUSHLESS}

@@ -12,6 +12,7 @@ from cfid.flight.data import FlownLog
 from cfid.flight.estimation import CrossedError
 from cfid.flight.result import fit
 from cfid.flight.values import Body
+from cfid.quantities.plausible import implausible
 from cfid.records.campaign import open_campaign
 from cfid.sim.flying import VEHICLES, FlyingVehicle, fly, scattered
 from cfid.sim.pilot import manoeuvres
@@ -137,6 +138,34 @@ def test_a_speed_counts_in_the_middle_of_the_step_that_telemetry_shows(flown: Fl
     shown = columns["motor.m1_rpm"] * 2 * np.pi / 60
     share = float(np.mean(read.flight.speeds.value[:, 0]) / np.mean(shown))
     assert 0.9978 < share < 0.9995
+
+
+def test_a_speed_that_stands_still_counts_as_none(flown: Flown, tmp_path: Path) -> None:
+    """As where a motor's controller sends no telemetry: the firmware then logs 65535, and k came out at a quarter."""
+    _, columns = flown[0]
+    still = {**columns, "motor.m3_rpm": np.full_like(columns["motor.m3_rpm"], 65535.0)}
+    flight = flown_in(still, tmp_path / "log.csv")
+    assert flight.flight.speeds is None
+    assert [finding.code for finding in flight.findings if finding.code == "flight-speeds-unused"]
+    alone = {name: values for name, values in still.items() if name not in COMMANDS}
+    with pytest.raises(DataError):
+        flown_in(alone, tmp_path / "speeds.csv")
+
+
+def test_rows_at_one_time_and_velocities_of_zero_are_read(flown: Flown, tmp_path: Path) -> None:
+    vehicle, columns = flown[2]
+    twice = {name: np.insert(values, 10, values[10]) for name, values in columns.items()}
+    velocities = {name: 0 * values for name, values in twice.items() if name.startswith("stateEstimate.v")}
+    result = fitted(flown_in({**twice, **velocities}, tmp_path / "log.csv"), vehicle)
+    value, std = numbers(result, key := "motor.thrust_per_speed_squared_n_s2")
+    assert abs(value - truths(vehicle)[key]) < 3 * std
+
+
+def test_speeds_in_another_unit_are_implausible_for_a_brushless() -> None:
+    for key, value in (("motor.thrust_per_speed_squared_n_s2", 3.6e-8), ("rotor_inertia_kg_m2", 3.9e-8)):
+        assert not implausible(key, value, std=None, platform="cf21bl")
+    for key, value in (("motor.thrust_per_speed_squared_n_s2", 3.6e-8 * 36), ("rotor_inertia_kg_m2", 3.9e-8 * 6)):
+        assert implausible(key, value, std=None, platform="cf21bl")
 
 
 def test_a_flights_torque_does_not_count_as_measured_in_the_next_fit(flown: Flown, cfid: Cfid, tmp_path: Path) -> None:
