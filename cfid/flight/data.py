@@ -212,7 +212,7 @@ def flight_of(
     )
 
 
-def _usable(speeds: Sequence[Timed], path: Path, findings: list[Finding], *, instead: bool) -> Sequence[Timed]:
+def _usable(speeds: list[Timed], path: Path, findings: list[Finding], *, instead: bool) -> list[Timed]:
     """Return the speeds, none where they come too rarely or one stands still and there are commands `instead`.
 
     PX4 logs speeds rarely by default, and a motor's controller that sends none leaves 65535 in a Crazyflie's log.
