@@ -9,7 +9,7 @@ from cfid.comparison.claims import Claim, Comparison, comparisons_of, comparison
 from cfid.published import published_sets
 from cfid.records.campaign import Campaign
 from tests.export.thesis_vehicle import INERTIA_KG_M2
-from tests.lab import Cfid, new_campaign
+from tests.lab import ROOT, Cfid, new_campaign
 from tests.report.fits_by_hand import APPENDIX_A, number, put, put_appendix_a
 
 THESIS = "Crazyflie 2.0"
@@ -119,3 +119,10 @@ def test_sets_are_compared_with_each_other_without_a_campaign(cfid: Cfid, tmp_pa
     assert (tmp_path / "figures" / "compare.svg").stat().st_size > 10_000
     row = next(line for line in done.stdout.splitlines() if line.startswith("torque over thrust"))
     assert "0.03391" in row
+
+
+@pytest.mark.parametrize("vehicle", ["cf21bl", "cf2"])
+def test_the_page_of_published_sets_has_what_the_command_prints(cfid: Cfid, vehicle: str) -> None:
+    page = (ROOT / "docs" / "reference" / "published-sets.md").read_text()
+    printed = page.partition(f"--vehicle {vehicle}`")[2].partition("```text\n")[2].partition("```")[0]
+    assert printed == cfid("compare", "--vehicle", vehicle, "--no-figures").stdout
