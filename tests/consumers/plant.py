@@ -31,6 +31,7 @@ INERTIA = np.array(  # the thesis' matrix, turned so that its y points forward a
 )
 PLACES = ARM_M / math.sqrt(2) * np.array([[1, -1], [-1, -1], [-1, 1], [1, 1]]) + np.array([0.6e-3, 0.4e-3])
 YAW = np.array([-1, 1, -1, 1])
+MOST_N = thesis.MAX_THRUST_N
 K, MOMENT_M = thesis.K_N_S2, thesis.TORQUE_POLY[0]
 HOVER_RAD_S = math.sqrt(MASS_KG * G / 4 / K)
 MOST_RAD_S = thesis.SPEED_POLY[0] * 65535 + thesis.SPEED_POLY[1]

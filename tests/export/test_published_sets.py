@@ -148,7 +148,7 @@ def test_a_list_shows_which_targets_a_set_fills(cfid: Cfid) -> None:
 
     assert [row["target"] for row in of_thesis if not row["ready"]] == ["system-id"]  # no thrust over voltage
     ready = [row["target"] for row in of_firmware if row["ready"]]
-    assert ready == ["crazyswarm2", "firmware", "json", "mujoco", "system-id"]
+    assert ready == ["crazyswarm2", "firmware", "json", "mujoco", "pyflyt-urdf", "system-id"]
     text = cfid("export", "list", "--from", "thesis").stdout
     assert "MISSING: motor.thrust_voltage_poly\n" in text
 
