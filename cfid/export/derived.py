@@ -48,6 +48,7 @@ class Derived:
     """
 
     rpm = RPM  # rad/s of one revolution per minute
+    full_command = FULL_COMMAND
 
     def __init__(self, vehicle: ExportVehicle) -> None:
         """Take the quantities of a vehicle."""
@@ -88,6 +89,12 @@ class Derived:
             return plain(entries[self._axes] + 0.0)
         turned = entries[np.ix_(self._axes, self._axes)] * np.outer(self._signs, self._signs) + 0.0
         return plain(turned if signed else np.abs(turned))
+
+    @cached_property
+    def inverse_inertia(self) -> list[Numbers]:
+        """The inverse (3, 3) of the inertia matrix, in 1/(kg m^2)."""
+        inverse: list[Numbers] = np.linalg.inv(np.array(self.inertia_kg_m2)).tolist()
+        return inverse
 
     @cached_property
     def middle_m(self) -> Numbers:

@@ -58,7 +58,8 @@ def _context(target: Target, vehicle: ExportVehicle) -> dict[str, Any]:
     """Return what a template sees: no quantity that its head does not state, since such a one was not judged."""
     taken = {quantity.key: quantity for quantity in target.taken(vehicle)}
     derived = Derived(replace(vehicle, quantities=taken))
-    return {"v": _Turned(derived) if target.own else derived}
+    head = [] if target.comment else _head(target, vehicle)  # for a format without comments, which may have a place
+    return {"v": _Turned(derived) if target.own else derived, "head": head}
 
 
 class _Turned:

@@ -1,5 +1,6 @@
 """Targets whose programs are not in the package index: the tests have a reader for each, based on its source code."""
 
+import json
 import math
 import re
 import tomllib
@@ -17,6 +18,7 @@ from tests.consumers.plant import (
     MASS_KG,
     MIXES,
     RPM,
+    UP_S,
     Array,
     G,
     Row,
@@ -160,3 +162,39 @@ def test_crazyswarm2_finds_what_its_server_asks_for(tmp_path: Path) -> None:
     lee = kind["firmware_params"]["ctrlLee"]
     assert [lee["mass"], lee["J_x"], lee["J_y"], lee["J_z"]] == pytest.approx([MASS_KG, *np.diag(INERTIA)])
     assert kind["firmware_params"]["ctrlMel"]["mass"] == MASS_KG
+
+
+def test_l2fs_dynamics_lift_and_turn_the_vehicle(tmp_path: Path, judge: Judge) -> None:
+    # 60_dynamics.h: T = c0 + c1 u + c2 u^2 along a rotor's direction, its torque over T, J_inv times the moments.
+    found = json.loads(written("l2f", tmp_path, "l2f.json").read_text())["dynamics"]
+    arrays = {name: np.array(value) for name, value in found.items() if isinstance(value, list)}
+    coefficients = arrays["rotor_thrust_coefficients"]
+    at_hover = np.full(4, found["hovering_throttle_relative"])
+
+    def lift(commands: Array) -> Array:
+        thrusts = coefficients[:, 0] + coefficients[:, 1] * commands + coefficients[:, 2] * commands**2
+        result: Array = thrusts[:, None] * arrays["rotor_thrust_directions"]
+        return result
+
+    def turn(thrusts: Array) -> Array:
+        torques = arrays["rotor_torque_directions"] * (thrusts[:, 2] * arrays["rotor_torque_constants"])[:, None]
+        result: Array = arrays["J_inv"] @ (np.cross(arrays["rotor_positions"], thrusts) + torques).sum(axis=0)
+        return result
+
+    share_n = np.tile([0, 0, MASS_KG * G / 4], (4, 1))
+    np.testing.assert_allclose(arrays["J"], INERTIA)
+    np.testing.assert_allclose(arrays["gravity"], [0, 0, -G])
+    judge(
+        Row(
+            target="l2f",
+            version="60_dynamics.h of l2f 2.0.18",
+            loaded="a reader in the tests",
+            hover=(MASS_KG * G / 4, float(lift(at_hover).sum(axis=0)[2]) / 4),
+            hover_unit="N a motor",
+            turning=pairs(
+                accelerations(),
+                [turn(share_n * (speeds(axis)[:, None] / HOVER_RAD_S) ** 2)[i] for i, axis in enumerate(MIXES)],
+            ),
+            lag_s=(UP_S, found["rotor_time_constants_rising"][2]),
+        )
+    )
