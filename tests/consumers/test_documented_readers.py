@@ -21,6 +21,7 @@ from tests.consumers.plant import (
     UP_S,
     Array,
     G,
+    K,
     Row,
     accelerations,
     pairs,
@@ -196,5 +197,55 @@ def test_l2fs_dynamics_lift_and_turn_the_vehicle(tmp_path: Path, judge: Judge) -
                 [turn(share_n * (speeds(axis)[:, None] / HOVER_RAD_S) ** 2)[i] for i, axis in enumerate(MIXES)],
             ),
             lag_s=(UP_S, found["rotor_time_constants_rising"][2]),
+        )
+    )
+
+
+def test_ardupilots_frame_lifts_turns_and_brakes_the_vehicle(tmp_path: Path, judge: Judge) -> None:
+    # SIM_Frame.cpp and SIM_Motor.cpp; x forward, y right, z down; motors 1 to 4 of the frame x are m1, m3, m4 and m2.
+    text = written("ardupilot", tmp_path, "frame.json").read_text()
+    found = json.loads(re.sub("#.*", "", text))  # AP_JSON takes # to the end of a line as a comment
+    gravity, order = 9.80665, [0, 2, 3, 1]
+    weight_n, tilt = found["mass"] * gravity, math.cos(math.radians(found["refAngle"]))
+    places = np.array([found[f"motor{i}_position"] for i in range(1, 5)])
+    yaws = np.array([found[f"motor{i}_yaw"] for i in range(1, 5)])
+
+    def thrust(command: float) -> float:
+        shape = (1 - found["propExpo"]) * command + found["propExpo"] * command**2
+        return float(weight_n / 4 / found["hoverThrOut"] * shape)
+
+    def command(thrust_n: float) -> float:
+        e, wanted = found["propExpo"], thrust_n / thrust(1.0)
+        return (e - 1 + math.sqrt((1 - e) ** 2 + 4 * e * wanted)) / (2 * e)
+
+    def turn(rotor_speeds: Array) -> Array:
+        thrusts = K * rotor_speeds[order] ** 2
+        commands = np.array([command(one) for one in thrusts])
+        moment = np.cross(places, np.outer(thrusts, [0, 0, -1])).sum(axis=0)
+        moment[2] += np.sum(yaws * commands * 0.05 * found["diagonal_size"] * thrusts)
+        result: Array = moment / found["moment_inertia"] * [1, -1, -1]  # back to left and up
+        return result
+
+    drag_at_ref_n = weight_n * math.tan(math.radians(found["refAngle"]))
+    momentum = tilt**2 * found["refSpd"] * math.sqrt(weight_n / tilt * 1.1 * found["disc_area"])  # over mdrag_coef
+    assert found["mdrag_coef"] * momentum > drag_at_ref_n  # so that the program lowers it, and areaCd is zero
+    linear = drag_at_ref_n / momentum * math.sqrt(weight_n * 1.1 * found["disc_area"])  # per velocity, in any air
+    slower, faster = (turn(HOVER_RAD_S * (1 + part * MIXES["yaw"]))[2] for part in (-0.001, 0.001))
+    assert thrust(1.0) == pytest.approx(thesis.MAX_THRUST_N)
+    assert (faster - slower) / 0.002 == pytest.approx(
+        8 * K * HOVER_RAD_S**2 * thesis.TORQUE_POLY[0] / INERTIA[2, 2], rel=1e-5
+    )
+    judge(
+        Row(
+            target="ardupilot",
+            version="SIM_Frame.cpp",
+            loaded="a reader in the tests",
+            hover=(thesis.HOVER_COMMAND, 65535 * command(MASS_KG * G / 4)),
+            hover_unit="command",
+            turning=pairs(
+                accelerations(np.diag(np.diag(INERTIA)))[:2],
+                [turn(speeds(axis))[i] for i, axis in enumerate(["roll", "pitch"])],
+            ),
+            drag_1_s=[(float(DRAG_1_S[0]), linear / MASS_KG)],
         )
     )
