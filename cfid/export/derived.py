@@ -22,6 +22,7 @@ Numbers = list[float]
 _ROTOR_MASS_SHARE = 0.01  # enough for a solver, and little enough to subtract from the body
 _PROPELLER_RADIUS_M = 0.0231  # if not measured: the prop_radius of gym-pybullet-drones
 _LARGEST_MOTOR_V = 5.0
+_ROTORS = ("dynamics.rising", "dynamics.falling")
 
 
 class Motor(NamedTuple):
@@ -65,6 +66,11 @@ class Derived:
     def has(self, need: str) -> bool:
         """Return whether a need is met: `a|b` by either quantity, `a+b` by both."""
         return bool(self._vehicle.met(need))
+
+    def range_of(self, key: str) -> Numbers:
+        """Return a number less and plus its expanded uncertainty (k = 2); twice the number if that is not known."""
+        quantity = self._vehicle.find(key)
+        return _around(float(self[key]), 0.0 if quantity is None else float(quantity.std or 0.0))
 
     @property
     def name(self) -> str:
@@ -229,6 +235,27 @@ class Derived:
         return sum(self.lags_s) / 2
 
     @cached_property
+    def lag_ranges_s(self) -> list[Numbers]:
+        """The time constants of rising and falling, each less and plus its expanded uncertainty (k = 2).
+
+        The speed at hovering counts as exact: that of the coefficients, whose errors cancel in part, is much larger.
+        """
+        if not self.has("dynamics.rising+dynamics.falling+motor.thrust_per_speed_squared_n_s2"):
+            return [self.range_of("tf.time_constant_s")] * 2
+        slopes = np.array([1.0, 2 * self.hover_speed_rad_s])
+        stds = [math.sqrt(max(slopes @ of @ slopes, 0.0)) for of in self._rotor_covariances]
+        return [_around(lag, lag**2 * std) for lag, std in zip(self.lags_s, stds, strict=True)]
+
+    @cached_property
+    def _rotor_covariances(self) -> list[Array]:
+        """The covariance (2, 2) of the coefficients of rising and of falling: zero where it is not known."""
+        for block in (block for of_fit in self._vehicle.covariance.values() for block in of_fit.get("covariance", ())):
+            if tuple(block["of"]) == _ROTORS:
+                matrix = np.array(block["matrix"])
+                return [matrix[:2, :2], matrix[2:, 2:]]
+        return [np.zeros((2, 2))] * 2
+
+    @cached_property
     def rotor_coefficients_rpm(self) -> Numbers:
         """Rising in 1/s and 1/(rpm s), falling in 1/s and 1/(rpm s), or a plain lag if only this is known."""
         if self.has("dynamics.rising+dynamics.falling"):
@@ -375,6 +402,10 @@ def _positive(value: float, what: str) -> float:
     if value <= 0:
         raise DataError(f"{what} is {value:.4g}: it should be above zero.")
     return value
+
+
+def _around(value: float, std: float) -> Numbers:
+    return [value - 2 * std, value + 2 * std]
 
 
 def _plain(array: Array) -> Numbers:

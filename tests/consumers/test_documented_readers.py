@@ -3,8 +3,11 @@
 import json
 import math
 import re
+import runpy
+import sys
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,6 +15,7 @@ import pytest
 
 from tests.consumers.conftest import Judge
 from tests.consumers.plant import (
+    DOWN_S,
     DRAG_1_S,
     HOVER_RAD_S,
     INERTIA,
@@ -19,6 +23,7 @@ from tests.consumers.plant import (
     MIXES,
     RPM,
     UP_S,
+    YAW,
     Array,
     G,
     K,
@@ -165,6 +170,44 @@ def test_crazyswarm2_finds_what_its_server_asks_for(tmp_path: Path) -> None:
     assert kind["firmware_params"]["ctrlMel"]["mass"] == MASS_KG
 
 
+def test_isaac_labs_thrusters_lift_and_turn_the_vehicle(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, judge: Judge
+) -> None:
+    # multirotor.py: wrench = allocation_matrix @ thrusts in the thrusters' order; thruster.py: T = const rps^2.
+    class Config(SimpleNamespace):
+        InitialStateCfg = SimpleNamespace
+
+    for name in ("isaaclab_contrib", "isaaclab_contrib.actuators", "isaaclab_contrib.assets"):
+        monkeypatch.setitem(sys.modules, name, SimpleNamespace(ThrusterCfg=Config, MultirotorCfg=Config))
+    found = runpy.run_path(str(written("isaac-lab", tmp_path, "crazyflie.py")))
+    multirotor = found["CRAZYFLIE_CFG"]
+    thruster = multirotor.actuators["thrusters"]
+    (rps,) = multirotor.init_state.rps.values()
+    const = np.mean(thruster.thrust_const_range)
+
+    def wrench(rotor_speeds: Array) -> Array:
+        result: Array = np.array(multirotor.allocation_matrix) @ (const * (rotor_speeds / (2 * math.pi)) ** 2)
+        return result
+
+    force, turn = wrench(np.full(4, rps * 2 * math.pi))[:3], np.array(found["INERTIA_KG_M2"])
+    assert force == pytest.approx([0, 0, MASS_KG * G])
+    assert [np.mean(thruster.tau_inc_range), np.mean(thruster.tau_dec_range)] == pytest.approx([UP_S, DOWN_S])
+    assert multirotor.rotor_directions == (-YAW).tolist()
+    judge(
+        Row(
+            target="isaac-lab",
+            version="thruster.py of 2.3.2",
+            loaded="a reader in the tests",
+            hover=(HOVER_RAD_S, math.sqrt(found["MASS_KG"] * G / 4 / const) * 2 * math.pi),
+            hover_unit="rad/s",
+            turning=pairs(
+                accelerations(),
+                [np.linalg.solve(turn, wrench(speeds(axis))[3:])[i] for i, axis in enumerate(MIXES)],
+            ),
+        )
+    )
+
+
 def test_l2fs_dynamics_lift_and_turn_the_vehicle(tmp_path: Path, judge: Judge) -> None:
     # 60_dynamics.h: T = c0 + c1 u + c2 u^2 along a rotor's direction, its torque over T, J_inv times the moments.
     found = json.loads(written("l2f", tmp_path, "l2f.json").read_text())["dynamics"]
@@ -216,7 +259,7 @@ def test_ardupilots_frame_lifts_turns_and_brakes_the_vehicle(tmp_path: Path, jud
 
     def command(thrust_n: float) -> float:
         e, wanted = found["propExpo"], thrust_n / thrust(1.0)
-        return (e - 1 + math.sqrt((1 - e) ** 2 + 4 * e * wanted)) / (2 * e)
+        return float((e - 1 + math.sqrt((1 - e) ** 2 + 4 * e * wanted)) / (2 * e))
 
     def turn(rotor_speeds: Array) -> Array:
         thrusts = K * rotor_speeds[order] ** 2

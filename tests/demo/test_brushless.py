@@ -24,7 +24,7 @@ def test_a_demo_of_a_brushless_leaves_no_export_incomplete(tmp_path: Path) -> No
     assert done.returncode == 0, done.stderr
     campaign, truth = open_campaign(folder), brushless.owned_truth()
     names = {target.file_name for target in targets(folder)[0].values()}
-    assert len(names) == 14
+    assert len(names) == 19
     assert names <= {path.name for path in (folder / "exports").iterdir()}
     assert status_of(campaign).next.words == ("report",)
     vehicle = brushless.flying(truth, campaign.rig, seed=1)

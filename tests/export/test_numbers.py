@@ -13,7 +13,8 @@ import pytest
 from pydantic import ValidationError
 
 from cfid.export.derived import Derived
-from cfid.export.vehicle import collect
+from cfid.export.vehicle import ExportVehicle, collect
+from cfid.records.covariances import Covariance
 from cfid.records.parameters import Parameter
 from cfid.records.rig_file import BodyFrame, thesis_rig
 from tests.export import thesis_vehicle as thesis
@@ -28,6 +29,7 @@ MOMENT_M = thesis.TORQUE_POLY[0]  # without the constant, which cancels between 
 MOMENT_NM = MOMENT_M * SHARE_N
 FULL_RAD_S = thesis.SPEED_POLY[0] * 65535 + thesis.SPEED_POLY[1]
 LAGS_S = [1 / (a + 2 * b * HOVER_RAD_S) for a, b in (thesis.RISING, thesis.FALLING)]
+K = "motor.thrust_per_speed_squared_n_s2"
 THESIS_FRAME = {"forward": "x", "left": "y", "up": "z"}  # as those read the thesis who do not turn it
 # The thesis' matrix as others publish it, unturned: crazyflie-simulation's model.sdf; its diagonal also in
 # controller_lee.c of firmware 2026.08 and in crazyswarm2's simulator.
@@ -380,6 +382,44 @@ def test_what_was_not_measured_is_left_out_or_zero(tmp_path: Path) -> None:
     assert len(list(xml("mujoco", none).iter("general"))) == 4
     assert "DRAG_B_X" not in macros(export("firmware", none))
     assert macros(export("firmware", collect(thesis_rig(), values_of({})))) == {"CF_MASS": 0.028, "ARM_LENGTH": 0.046}
+
+
+# Isaac Lab draws between two numbers
+
+
+def isaac_range(name: str, known: ExportVehicle) -> list[float]:
+    return [float(bound) for bound in export("isaac-lab", known).partition(f"{name}=(")[2].partition(")")[0].split(",")]
+
+
+def test_ranges_are_expanded_uncertainties_of_what_may_covary() -> None:
+    std = 0.01 * thesis.K_N_S2
+    found, slope = sections(), 2 * HOVER_RAD_S
+    thrust = {**found["thrust"].parameters, K: Parameter(value=thesis.K_N_S2, std=std, unit="N s^2/rad^2")}
+    errors = np.array([[0.5, -0.5 / slope, 0.0, 0.0], [0.0, 0.0, 0.3, 0.0]])  # those of rising cancel at hovering
+    block = Covariance(("dynamics.rising", "dynamics.falling"), tuple(map(tuple, (errors.T @ errors).tolist())))
+    known = collect(
+        thesis_rig(),
+        values_of(
+            found
+            | {
+                "thrust": replace(found["thrust"], parameters=thrust),
+                "dynamics": replace(found["dynamics"], covariance=(block,)),
+            }
+        ),
+    )
+
+    per_turn = (2 * math.pi) ** 2
+    k, rising, falling = (isaac_range(name, known) for name in ("thrust_const_range", "tau_inc_range", "tau_dec_range"))
+    assert k == pytest.approx([(thesis.K_N_S2 - 2 * std) * per_turn, (thesis.K_N_S2 + 2 * std) * per_turn])
+    assert rising == pytest.approx([LAGS_S[0]] * 2)
+    assert falling == pytest.approx([LAGS_S[1] - 0.6 * LAGS_S[1] ** 2, LAGS_S[1] + 0.6 * LAGS_S[1] ** 2])
+    lag = Parameter(value=thesis.TIME_CONSTANT_S, std=0.002, unit="s")
+    rest = {name: each for name, each in found.items() if name != "dynamics"} | {
+        "tf identify": replace(found["tf identify"], parameters={"tf.time_constant_s": lag})
+    }
+    alone = isaac_range("tau_dec_range", collect(thesis_rig(), values_of(rest)))
+    assert alone == pytest.approx([thesis.TIME_CONSTANT_S - 0.004, thesis.TIME_CONSTANT_S + 0.004])
+    assert isaac_range("tau_inc_range", vehicle()) == pytest.approx([LAGS_S[0]] * 2)
 
 
 # JSON
