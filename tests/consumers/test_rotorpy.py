@@ -99,3 +99,18 @@ def test_rotorpy_flies_the_vehicle_with_its_own_controller(tmp_path: Path, judge
             drag_1_s=pairs(DRAG_1_S, braking),
         )
     )
+
+
+def test_a_policy_for_any_quadrotor_hovers_the_vehicle(tmp_path: Path) -> None:
+    """RAPTOR needs no gains, but rotors in the order of RotorPy's own vehicles: else it crashes after 3.5 s."""
+    from rotorpy.controllers.raptor import RaptorFoundationPolicy
+    from rotorpy.vehicles.multirotor import Multirotor
+
+    parameters = runpy.run_path(str(written("rotorpy", tmp_path, "rotorpy_params.py")))["quad_params"]
+    drone, policy = Multirotor(parameters), RaptorFoundationPolicy(parameters)
+    state, goal = {**state_of(np.full(4, HOVER_RAD_S)), "x": np.zeros(3)}, {**TO_HOVER, "x": np.zeros(3)}
+    away_m = []
+    for i in range(1000):
+        state = drone.step(state, policy.update(0.01 * i, state, goal), 0.01)
+        away_m.append(float(np.linalg.norm(state["x"])))
+    assert max(away_m) < 0.05
