@@ -100,7 +100,7 @@ class _Vehicle:
         return None if quantity is None else quantity.std
 
 
-class Quantity(NamedTuple):
+class ClaimedQuantity(NamedTuple):
     """A quantity that sources state: its name, its unit, the keys that it may come from, and how it does."""
 
     name: str
@@ -109,11 +109,11 @@ class Quantity(NamedTuple):
     of: Callable[[_Vehicle], Stated]
 
 
-def _number(name: str, unit: str, key: str) -> Quantity:
-    return Quantity(name, unit, (key,), lambda vehicle: (float(vehicle.value(key)), vehicle.std(key)))
+def _number(name: str, unit: str, key: str) -> ClaimedQuantity:
+    return ClaimedQuantity(name, unit, (key,), lambda vehicle: (float(vehicle.value(key)), vehicle.std(key)))
 
 
-def _moment(i: int, j: int) -> Quantity:
+def _moment(i: int, j: int) -> ClaimedQuantity:
     def of(vehicle: _Vehicle) -> Stated:
         std = vehicle.std(_INERTIA)
         value = vehicle.derived.inertia_kg_m2[i][j]
@@ -122,10 +122,10 @@ def _moment(i: int, j: int) -> Quantity:
         return value, None if std is None else vehicle.derived.turned_tensor(std, signed=False)[i][j]
 
     name = f"moment about {_AXES[i]}" if i == j else f"product {_AXES[i]}-{_AXES[j]}"
-    return Quantity(name, "kg m^2", (_INERTIA,), of)
+    return ClaimedQuantity(name, "kg m^2", (_INERTIA,), of)
 
 
-def _drag(place: int) -> Quantity:
+def _drag(place: int) -> ClaimedQuantity:
     """Return the force against a velocity, by the rotors' speed while hovering, or where a source states no other."""
 
     def of(vehicle: _Vehicle) -> Stated:
@@ -141,10 +141,10 @@ def _drag(place: int) -> Quantity:
         stds = None if std is None or isinstance(std[0], list) else vehicle.derived.turned_tensor(std)
         return 4 * speed_rad_s * drag, None if stds is None or stds[place] is None else 4 * speed_rad_s * stds[place]
 
-    return Quantity(f"drag {_WAYS[place]}", "kg/s", ("drag", _DRAG), of)
+    return ClaimedQuantity(f"drag {_WAYS[place]}", "kg/s", ("drag", _DRAG), of)
 
 
-def _at(name: str, unit: str, key: str, place: float, column: str = "") -> Quantity:
+def _at(name: str, unit: str, key: str, place: float, column: str = "") -> ClaimedQuantity:
     """Return a map's value, or a column of measured points; without covariances of a map, it has no uncertainty."""
 
     def of(vehicle: _Vehicle) -> Stated:
@@ -158,7 +158,7 @@ def _at(name: str, unit: str, key: str, place: float, column: str = "") -> Quant
             raise DataError(f"{key} is not known at {place:g}.")
         return known[0], None
 
-    return Quantity(name, unit, (key, _POINTS) if column else (key,), of)
+    return ClaimedQuantity(name, unit, (key, _POINTS) if column else (key,), of)
 
 
 def _torque(vehicle: _Vehicle) -> Stated:
@@ -182,9 +182,9 @@ QUANTITIES = (
     _at("thrust at half command", "N", "motor.thrust_poly", _HALF, "thrust_n"),
     _at("thrust at 3 V", "N", "motor.thrust_voltage_poly", _MOTOR_V),
     _at("rotor speed at half command", "rad/s", "motor.speed_poly", _HALF, "speed_rad_s"),
-    Quantity("torque over thrust", "m", (_TORQUE,), _torque),
+    ClaimedQuantity("torque over thrust", "m", (_TORQUE,), _torque),
     _number("rotor inertia", "kg m^2", "rotor_inertia_kg_m2"),
-    Quantity("time constant", "s", (_TF, "dynamics.rising", "dynamics.falling"), _lag),
+    ClaimedQuantity("time constant", "s", (_TF, "dynamics.rising", "dynamics.falling"), _lag),
     _number("gain of thrust over command", "N", "tf.static_gain_n"),
     *map(_drag, range(3)),
     *(_number(f"moment of air about {axis}", "N s", f"flight.moment_per_velocity_ns.{axis}") for axis in _AXES[:2]),
