@@ -26,6 +26,7 @@ LITERATURE: dict[str, list[tuple[str, str, list[float | None]]]] = {
         ("crazyflow", "2.1 Brushless", [0.0434]),
         ("l2f", "2.1", [0.0306]),
         ("IDSIA", "2.1 Brushless, 45 g", [0.045]),
+        ("Gräfe et al.", "2.1 Brushless, guards", [0.044]),
         ("RotorPy", "Crazyflie", [0.03]),
         ("RotorPy", "Brushless", [0.044]),
         ("gym-pybullet-drones", "2.x", [0.027]),
@@ -55,6 +56,7 @@ LITERATURE: dict[str, list[tuple[str, str, list[float | None]]]] = {
         ("Luis and Le Ny", "Crazyflie 2.0", [1.395e-05, 1.436e-05, 2.173e-05, *NONE]),
         ("Landry", "Crazyflie 2.0 with markers", [2.3951e-05, 2.3951e-05, 3.2347e-05, *NONE]),
         ("l2f", "2.1", [9.416556729130406e-06, 9.644051701582312e-06, 1.745951732253285e-05, *NONE]),
+        ("Bitcraze firmware (Lee)", "2.1 Brushless", [1.657171e-05, 1.6655602e-05, 2.9261652e-05, *NONE]),
         ("IDSIA", "2.1 Brushless, 45 g", [2.3951e-05, 2.3951e-05, 3.2347e-06, *NONE]),
     ],
     "Thrust of the command": [
