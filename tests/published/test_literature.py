@@ -27,6 +27,7 @@ LITERATURE: dict[str, list[tuple[str, str, list[float | None]]]] = {
         ("l2f", "2.1", [0.0306]),
         ("IDSIA", "2.1 Brushless, 45 g", [0.045]),
         ("Gräfe et al.", "2.1 Brushless, guards", [0.044]),
+        ("Bitcraze Gazebo model", "Crazyflie 2.x", [0.0282]),
         ("RotorPy", "Crazyflie", [0.03]),
         ("RotorPy", "Brushless", [0.044]),
         ("gym-pybullet-drones", "2.x", [0.027]),
