@@ -34,6 +34,7 @@ _ALIKE, _MORE_ALIKE, _FASTER = 0.5, 0.2, 2.0
 # gravity. Public logs agree within 1.1 %, simulated flights that hover within 7 %. Smaller motion than this root mean
 # square may be noise of the accelerometer.
 _OVER_ROWS, _LARGEST, _MOVES_MPS = 50, 1.2, 0.3
+_LEAST_SIZE = 0.5  # of a quaternion: smaller ones, or none, are rows without an attitude
 _STUCK = 0.1  # of the gyro's rotation: an attitude that turns less is stuck
 
 
@@ -44,9 +45,14 @@ def motion_of(log: Recording, at_s: Array) -> tuple[Array | None, Array | None]:
     """
     for (along, quaternion), series in itertools.product(_VELOCITIES, log.series.values()):
         if {*along, *quaternion} <= set(series.names):
-            time_s = times_in(log, series)
-            velocity = np.column_stack([np.interp(at_s, time_s, si_values(series.column(name))) for name in along])
+            velocity = np.column_stack([si_values(series.column(name)) for name in along])
             attitude = np.column_stack([series.column(name).values for name in quaternion])
+            size = np.linalg.norm(attitude, axis=1)
+            known = np.isfinite(velocity).all(axis=1) & (size > _LEAST_SIZE)
+            if not known.any():
+                continue
+            time_s, velocity, attitude = times_in(log, series)[known], velocity[known], attitude[known]
+            velocity = np.column_stack([np.interp(at_s, time_s, column) for column in velocity.T])
             flips = np.cumprod(np.where(np.sum(attitude[1:] * attitude[:-1], axis=1) < 0, -1.0, 1.0))
             attitude[1:] *= flips[:, np.newaxis]
             attitude = np.column_stack([np.interp(at_s, time_s, column) for column in attitude.T])

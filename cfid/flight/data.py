@@ -36,7 +36,7 @@ from cfid.recordings.limits import (
 )
 from cfid.recordings.read import read_recording
 from cfid.recordings.recording import Recording
-from cfid.units import DEAD_COMMAND, FULL_COMMAND, MOTORS, USUAL_GRAVITY_MPS2
+from cfid.units import DEAD_COMMAND, FULL_COMMAND, MOTORS, RPM, USUAL_GRAVITY_MPS2
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -46,6 +46,7 @@ GYRO, ACCELEROMETER = "gyro", "accelerometer"
 _LATE_KEYS = {GYRO: "flight.delay_s", ACCELEROMETER: "flight.single_lag_s"}  # contain that readings are late
 _COMMANDS = ("motor.m{}", "pwm.m{}_pwm", "pwm.m{}", "control.m{}")
 _SPEEDS = ("motor.m{}_rpm", "rpm.m{}")
+_NO_SPEED_RAD_S = FULL_COMMAND * RPM  # 65535 rpm in a row for which a Crazyflie's motor controller sent nothing
 _VOLTS = ("pm.vbat", "pm.vbatMV")
 _FURTHER = re.compile(r"(?:motor|control)\[(?:[4-9]|1\d)\]|(?:motor|pwm|control)\.m(?:[5-9]|1\d)")
 _DOWN = (1.0, -1.0, -1.0)  # of PX4's axes: x forward, y right, z down
@@ -148,7 +149,7 @@ def flight_of(
 
     findings: list[Finding] = []
     commands, speeds, rates, forces, low_pass_hz = _signals(log, findings)
-    speeds = _usable(speeds, log.path, findings, instead=bool(commands))
+    speeds = _usable(speeds, log, findings, instead=bool(commands))
     drives = speeds or commands  # which carry the vehicle
     timed_s = [signal.time_s for signal in (*commands, *speeds, rates, forces)]
     begin_s, end_s = max(begin_s, *(time_s[0] for time_s in timed_s)), min(end_s, *(time_s[-1] for time_s in timed_s))
@@ -212,19 +213,25 @@ def flight_of(
     )
 
 
-def _usable(speeds: list[Timed], path: Path, findings: list[Finding], *, instead: bool) -> list[Timed]:
-    """Return the speeds, none where they come too rarely or one stands still and there are commands `instead`.
+def _usable(speeds: list[Timed], log: Recording, findings: list[Finding], *, instead: bool) -> list[Timed]:
+    """Return the speeds without rows that have none, or nothing where commands are followed `instead`.
 
     PX4 logs speeds rarely by default, and a motor's controller that sends none leaves 65535 in a Crazyflie's log.
     Raises DataError for a speed that stands still where there are no commands.
     """
+    missing = ", ".join(f"m{motor}" for motor in MOTORS if first_of(log, _SPEEDS, motor) is None)
+    fault = f"the speed of {missing} is missing" if missing and any(first_of(log, _SPEEDS, m) for m in MOTORS) else ""
     if any(np.ptp(motor.value) == 0 for motor in speeds):
-        if not instead:
-            raise DataError(f"{path}: a rotor's speed stands still all the time, and there are no commands instead.")
-        text = "a rotor's speed stands still all the time: commands are followed. See that all controllers send speeds."
+        fault = "a rotor's speed stands still all the time"
+    if fault and not instead:
+        raise DataError(f"{log.path}: {fault}, and there are no commands instead.")
+    if fault:
+        text = f"{fault}: commands are followed. Log the speeds of all four, and see that all controllers send them."
         findings.append(warning("flight-speeds-unused", text))
+    if fault or (instead and any(_apart_s(motor.time_s) > _SLOWEST_S for motor in speeds)):
         return []
-    return [] if instead and any(_apart_s(motor.time_s) > _SLOWEST_S for motor in speeds) else speeds
+    sent = [~np.isclose(motor.value, _NO_SPEED_RAD_S) for motor in speeds]
+    return [Timed(motor.time_s[known], motor.value[known]) for motor, known in zip(speeds, sent, strict=True)]
 
 
 def drive_names(log: Recording) -> list[str]:

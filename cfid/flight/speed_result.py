@@ -6,7 +6,7 @@ import numpy as np
 from uncertainties import UFloat, ufloat
 
 from cfid.estimate.common_causes import Cause, power_law, with_common_causes
-from cfid.findings import Finding, note, rejection
+from cfid.findings import Finding, rejection, warning
 from cfid.flight.braking import AxisDrag
 from cfid.flight.data import FlownLog
 from cfid.flight.estimation import EXPLAINED
@@ -160,8 +160,18 @@ def _findings(fit: SpeedFit, body: Body) -> list[Finding]:
     """Judge each quantity alone: reject it where the flights do not show it, with what would."""
     findings = []
     if body.arm_m is None:
-        findings.append(note("flight-lever-unknown", "no moment about roll and pitch: they need the arm (`arm_mm`)."))
+        findings.append(
+            warning("flight-lever-unknown", "no moment about roll and pitch: they need the arm (`arm_mm`).")
+        )
     of_yaw = ("rotor_inertia_kg_m2", "motor.torque_poly", MOMENTS["yaw"])
+    if not fit.thrust.s < LOOSE * fit.thrust.n:
+        text = (
+            f"thrust over speed squared is known to {100 * fit.thrust.s / fit.thrust.n:.0f} % (limit "
+            f"{100 * LOOSE:.0f} %): the logs contradict each other, and are of other vehicles, masses or units."
+        )
+        findings.append(
+            rejection("flight-logs-contradict", text, "motor.thrust*", *MOMENTS.values(), *of_yaw, *_AIR.values())
+        )
     if abs(fit.delay_s.n) > _LATE * LATEST_S:
         text = (
             f"speeds are shown {1e3 * fit.delay_s.n:.0f} ms after the rates that they cause (limit "
@@ -169,6 +179,7 @@ def _findings(fit: SpeedFit, body: Body) -> list[Finding]:
         )
         keys = (MOMENTS["roll"], MOMENTS["pitch"], *of_yaw, *_AIR.values(), _DELAY)
         findings.append(rejection("flight-delay-implausible", text, *keys))
+    without_air = "" if fit.with_velocity else ", and log velocity and attitude, whose moment of air is unknown without"
     for axis, each in zip(AXES, fit.axes, strict=True):
         lost = of_yaw if axis == "yaw" else (MOMENTS[axis], _AIR[axis], *of_yaw)
         gain = each.coefficients[0]
@@ -182,7 +193,7 @@ def _findings(fit: SpeedFit, body: Body) -> list[Finding]:
             text = (
                 f"rotors explain {100 * max(each.explained, 0):.0f} % of how the rate about {axis} changes (at least "
                 f"{100 * EXPLAINED:.0f} %), and their effect is known to {100 * gain.s / abs(gain.n):.0f} % "
-                f"(limit {100 * LOOSE:.0f} %): {MANOEUVRES[axis]}."
+                f"(limit {100 * LOOSE:.0f} %): {MANOEUVRES[axis]}{without_air}."
             )
             findings.append(rejection("flight-moment-not-excited", text, *lost))
     if body.torque_m is None and body.arm_m is not None:

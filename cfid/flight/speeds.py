@@ -162,14 +162,21 @@ def _parts(flight: Flight) -> list[slice]:
 
 
 def _level(flights: Sequence[Flight]) -> tuple[UFloat, float]:
-    """Return k over mass, by the mean force that carries the vehicles, and the speed that carries it."""
-    means = []
+    """Return k over mass, by the mean force that carries the vehicles, and the speed that carries it.
+
+    Its uncertainty is that of the means and of the differences between flights.
+    """
+    each = []
     for flight in flights:
         columns = np.stack([flight.force[:, 2], np.sum(flight.row_speeds(0.0) ** 2, axis=1)])
-        means += [block_means(columns[:, part], length=round(_LEVEL_S / ROW_S)) for part in _parts(flight)]
-    force, square = np.concatenate(means, axis=1)
+        parts = [block_means(columns[:, part], length=round(_LEVEL_S / ROW_S)) for part in _parts(flight)]
+        each.append(np.concatenate(parts, axis=1))
+    force, square = np.concatenate(each, axis=1)
     value = float(np.sum(force) / np.sum(square))
     std = float(np.std(force / square)) / math.sqrt(max(len(force) - 1, 1))
+    if len(each) > 1:
+        levels = [float(np.sum(means[0]) / np.sum(means[1])) for means in each]
+        std = math.hypot(std, float(np.std(levels, ddof=1)) / math.sqrt(len(levels)))
     return ufloat(value, std), math.sqrt(USUAL_GRAVITY_MPS2 / value / 4)
 
 

@@ -152,6 +152,29 @@ def test_a_speed_that_stands_still_counts_as_none(flown: Flown, tmp_path: Path) 
         flown_in(alone, tmp_path / "speeds.csv")
 
 
+def test_rows_without_a_speed_or_an_attitude_are_left_out(flown: Flown, tmp_path: Path) -> None:
+    vehicle, columns = flown[2]
+    gaps = {name: values.copy() for name, values in columns.items()}
+    for place, motor in enumerate(("m1", "m2", "m3", "m4")):
+        gaps[f"motor.{motor}_rpm"][100 + place :: 97] = 65535.0
+    for name in ("stateEstimate.qx", "stateEstimate.vx"):
+        gaps[name][50::211] = np.nan
+    for name in ("stateEstimate.qw", "stateEstimate.qx", "stateEstimate.qy", "stateEstimate.qz"):
+        gaps[name][0] = 0.0
+    result = fitted(flown_in(gaps, tmp_path / "log.csv"), vehicle)
+    value, std = numbers(result, key := "motor.thrust_per_speed_squared_n_s2")
+    assert abs(value - truths(vehicle)[key]) < 3 * std
+
+
+def test_logs_of_two_vehicles_give_no_thrust(flown: Flown, tmp_path: Path) -> None:
+    vehicle, columns = flown[2]
+    alone = {name: values for name, values in columns.items() if name not in COMMANDS}
+    other = {name: values * (1.25 if name.endswith("_rpm") else 1.0) for name, values in alone.items()}
+    logs = [flown_in(each, tmp_path / f"{place}.csv") for place, each in enumerate((alone, other))]
+    result = fit(logs, body=Body(mass_kg=vehicle.mass_kg, mass_std_kg=0.0, arm_m=vehicle.arm_m, arm_std_m=0.0))
+    assert "motor.thrust_per_speed_squared_n_s2" in result.rejected
+
+
 def test_rows_at_one_time_and_velocities_of_zero_are_read(flown: Flown, tmp_path: Path) -> None:
     vehicle, columns = flown[2]
     twice = {name: np.insert(values, 10, values[10]) for name, values in columns.items()}
