@@ -34,7 +34,6 @@ _ALIKE, _MORE_ALIKE, _FASTER = 0.5, 0.2, 2.0
 # gravity. Public logs agree within 1.1 %, simulated flights that hover within 7 %. Smaller motion than this root mean
 # square may be noise of the accelerometer.
 _OVER_ROWS, _LARGEST, _MOVES_MPS = 50, 1.2, 0.3
-_LEAST_SIZE = 0.5  # of a quaternion: smaller ones, or none, are rows without an attitude
 _STUCK = 0.1  # of the gyro's rotation: an attitude that turns less is stuck
 
 
@@ -47,8 +46,8 @@ def motion_of(log: Recording, at_s: Array) -> tuple[Array | None, Array | None]:
         if {*along, *quaternion} <= set(series.names):
             velocity = np.column_stack([si_values(series.column(name)) for name in along])
             attitude = np.column_stack([series.column(name).values for name in quaternion])
-            size = np.linalg.norm(attitude, axis=1)
-            known = np.isfinite(velocity).all(axis=1) & (size > _LEAST_SIZE)
+            # An empty or a zero quaternion is a row without an attitude.
+            known = np.isfinite(velocity).all(axis=1) & (np.linalg.norm(attitude, axis=1) > 0)
             if not known.any():
                 continue
             time_s, velocity, attitude = times_in(log, series)[known], velocity[known], attitude[known]
