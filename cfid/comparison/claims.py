@@ -261,11 +261,11 @@ def _claims_of_set(published: PublishedSet) -> Iterator[tuple[str, Claim]]:
 
 
 def _claims(vehicle: ExportVehicle, who: str, name: str, source: Callable[[str], str]) -> Iterator[tuple[str, Claim]]:
-    """Yield what a vehicle's quantities state, each with its name; what was rejected or outdated is none."""
+    """Yield what a vehicle's quantities state, each with its name; what no export would take of a campaign is none."""
     read = _Vehicle(vehicle)
     for quantity in QUANTITIES:
         parts = read.parts(quantity.keys)
-        if not parts or any(part.is_marked(mark) for part in parts for mark in ("REJECTED", "OUTDATED")):
+        if not parts or (vehicle.published is None and any(part.objections() for part in parts)):
             continue
         with suppress(DataError):
             value, std = quantity.of(read)

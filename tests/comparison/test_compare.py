@@ -65,6 +65,11 @@ def test_a_rejected_value_excludes_nothing(campaign: Campaign) -> None:
     assert compared(campaign, "torque over thrust").own is None
 
 
+def test_an_implausible_value_excludes_nothing(campaign: Campaign) -> None:
+    put(campaign, "speed", {"motor.thrust_per_speed_squared_n_s2": number(3.6e-6, "N s^2/rad^2")})
+    assert compared(campaign, "thrust over squared speed").own is None
+
+
 def test_the_thesis_matrix_is_turned_from_its_pitch_axis() -> None:
     roll, pitch = (compared(None, f"moment about {axis}") for axis in ("roll", "pitch"))
     assert claim_of(roll, "thesis").value == pytest.approx(16.655602e-6)
